@@ -5,11 +5,12 @@ Files older than PyTorch 1.6 are left to `torch.load(weights_only=True)`.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import io
 import pickle
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,20 +55,17 @@ class StorageType(_Inert):
 class Storage(_Inert):
     """A run of numbers in the archive."""
 
-    archive: Archive
+    path: Path
     entry: str
     dtype: np.dtype
     num: int
 
     def read(self) -> np.ndarray:
         """The numbers, flat."""
-        data = self.archive.read(self.entry)
-        if len(data) != self.num * self.dtype.itemsize:
-            raise WeightsError(
-                f"'{self.archive.path}' is damaged: '{self.entry}' holds {len(data)} bytes instead "
-                f"of {self.num * self.dtype.itemsize}"
-            )
-        return np.frombuffer(data, self.dtype)
+        numbers = np.frombuffer(_read(self.path, self.entry), self.dtype)
+        if len(numbers) != self.num:
+            raise ValueError(f"{len(numbers)} numbers instead of {self.num}")
+        return numbers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,56 +83,14 @@ class PickledTensor(_Inert):
         Raises:
           WeightsError: If it reaches beyond its storage or the archive is damaged.
         """
-        numbers = self.storage.read()[self.offset :]
-        last = sum((n - 1) * step for n, step in zip(self.shape, self.strides, strict=True))
-        is_empty = 0 in self.shape
-        if min((self.offset, *self.shape, *self.strides)) < 0 or (
-            not is_empty and last >= len(numbers)
-        ):
-            raise WeightsError(
-                f"'{self.storage.archive.path}' is damaged: a tensor of shape {self.shape} reaches "
-                f"beyond '{self.storage.entry}'"
-            )
-        steps = [step * numbers.itemsize for step in self.strides]
-        return np.lib.stride_tricks.as_strided(numbers, self.shape, steps, writeable=False)
-
-
-class Archive:
-    """A zip archive as `torch.save` writes it."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            self._zip = zipfile.ZipFile(path)
-        except Exception as error:  # a damaged directory can fail in any way
-            raise _damaged(path, error) from error
-        pickles = [name for name in self._zip.namelist() if name.endswith("/data.pkl")]
-        if len(pickles) != 1:
-            raise WeightsError(
-                f"'{path}' is a zip archive without tensors; give a file that torch.save has "
-                "written, not a TorchScript or NumPy file"
-            )
-        self.root = pickles[0].removesuffix("data.pkl")
-        if self.root + "byteorder" in self._zip.namelist():
-            order = self.read(self.root + "byteorder")
-            if order != b"little":
-                raise WeightsError(f"'{path}' was written by a machine of byte order {order!r}")
-
-    def read(self, entry: str) -> bytes:
-        """The bytes of an entry, checked against their sum; no more than the file has."""
-        try:
-            if self._zip.getinfo(entry).compress_type != zipfile.ZIP_STORED:
-                raise WeightsError(
-                    f"'{self.path}' is compressed, as torch.save leaves no file; download it again "
-                    "from its publisher"
-                )
-            return self._zip.read(entry)
-        except WeightsError:
-            raise
-        except KeyError as error:
-            raise WeightsError(f"'{self.path}' is damaged: it lacks '{entry}'") from error
-        except Exception as error:
-            raise _damaged(self.path, error) from error
+        with _reading(self.storage.path, self.storage.entry):
+            numbers = self.storage.read()[self.offset :]
+            last = sum((n - 1) * step for n, step in zip(self.shape, self.strides, strict=True))
+            is_beyond = 0 not in self.shape and last >= len(numbers)
+            if is_beyond or min((self.offset, *self.shape, *self.strides)) < 0:
+                raise ValueError(f"a tensor of shape {self.shape} reaches beyond it")
+            steps = [step * numbers.itemsize for step in self.strides]
+            return np.lib.stride_tricks.as_strided(numbers, self.shape, steps, writeable=False)
 
 
 def read_pickled(path: Path) -> Mapping[str, Any]:
@@ -147,17 +103,8 @@ def read_pickled(path: Path) -> Mapping[str, Any]:
     """
     with path.open("rb") as file:
         start = file.read(4)
-    if not start.startswith(b"PK"):
-        return _read_with_torch(path, start)
-    archive = Archive(path)
-    try:
-        pickled = io.BytesIO(archive.read(archive.root + "data.pkl"))
-        content = _TensorUnpickler(pickled, archive).load()
-    except WeightsError:
-        raise
-    except Exception as error:
-        # A damaged pickle can fail in any way; nothing of it is kept.
-        raise _damaged(path, error) from error
+    with _reading(path):
+        content = _load(path) if start.startswith(b"PK") else _load_with_torch(path, start)
     if not isinstance(content, Mapping):
         raise WeightsError(
             f"'{path}' holds a {type(content).__name__} instead of a dictionary of tensors"
@@ -165,12 +112,53 @@ def read_pickled(path: Path) -> Mapping[str, Any]:
     return content
 
 
+@contextlib.contextmanager
+def _reading(path: Path, entry: str = "") -> Iterator[None]:
+    """Whatever fails, as anything can in a damaged archive or pickle, is told in one sentence."""
+    try:
+        yield
+    except WeightsError:
+        raise
+    except Exception as error:
+        place = f", '{entry}'," if entry else ""
+        raise WeightsError(
+            f"'{path}'{place} is damaged or cut short ({first_line(error)}); download it again"
+        ) from error
+
+
+def _read(path: Path, entry: str) -> bytes:
+    """The bytes of an entry, checked against their sum; no more than the file has."""
+    with zipfile.ZipFile(path) as archive:
+        if archive.getinfo(entry).compress_type != zipfile.ZIP_STORED:
+            raise WeightsError(
+                f"'{path}' is compressed, as torch.save leaves no file; download it again from its "
+                "publisher"
+            )
+        return archive.read(entry)
+
+
+def _load(path: Path) -> Any:
+    with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+    pickles = [name for name in names if name.endswith("/data.pkl")]
+    if len(pickles) != 1:
+        raise WeightsError(
+            f"'{path}' is a zip archive without tensors; give a file that torch.save has written, "
+            "not a TorchScript or NumPy file"
+        )
+    root = pickles[0].removesuffix("data.pkl")
+    order = _read(path, f"{root}byteorder") if f"{root}byteorder" in names else b"little"
+    if order != b"little":
+        raise WeightsError(f"'{path}' was written by a machine of byte order {order!r}")
+    return _TensorUnpickler(io.BytesIO(_read(path, pickles[0])), path, root).load()
+
+
 class _TensorUnpickler(pickle.Unpickler):
     """Builds dictionaries of `PickledTensor`s and refuses everything else."""
 
-    def __init__(self, file: Any, archive: Archive) -> None:
+    def __init__(self, file: Any, path: Path, root: str) -> None:
         super().__init__(file, encoding="utf-8")
-        self._archive = archive
+        self._path, self._root = path, root
 
     def find_class(self, module: str, name: str) -> Any:
         """The stand-in of a name."""
@@ -181,8 +169,8 @@ class _TensorUnpickler(pickle.Unpickler):
         if module == "torch" and name in _STORAGE_TYPES:
             return StorageType(np.dtype(_STORAGE_TYPES[name]))
         raise WeightsError(
-            f"'{self._archive.path}' asks for '{module}.{name}' to be run, which weights do not "
-            "need; nothing was run: do not trust this file, download it from its publisher"
+            f"'{self._path}' asks for '{module}.{name}' to be run, which weights do not need; "
+            "nothing was run: do not trust this file, download it from its publisher"
         )
 
     def persistent_load(self, pid: Any) -> Storage:
@@ -190,8 +178,7 @@ class _TensorUnpickler(pickle.Unpickler):
         kind, storage_type, key, _, num = pid
         if kind != "storage" or not isinstance(storage_type, StorageType):
             raise pickle.UnpicklingError(f"unknown reference {kind!r}")
-        entry = f"{self._archive.root}data/{key}"
-        return Storage(self._archive, entry, storage_type.dtype, int(num))
+        return Storage(self._path, f"{self._root}data/{key}", storage_type.dtype, int(num))
 
 
 def _rebuild_tensor(
@@ -203,19 +190,14 @@ def _rebuild_tensor(
     return PickledTensor(storage, int(offset), tuple(map(int, shape)), tuple(map(int, strides)))
 
 
-def _rebuild_parameter(tensor: PickledTensor, *rest: Any) -> PickledTensor:
-    del rest
-    return tensor
-
-
 _REBUILD = {
     "_rebuild_tensor": _rebuild_tensor,
     "_rebuild_tensor_v2": _rebuild_tensor,
-    "_rebuild_parameter": _rebuild_parameter,
+    "_rebuild_parameter": lambda tensor, *rest: tensor,
 }
 
 
-def _read_with_torch(path: Path, start: bytes) -> Mapping[str, Any]:
+def _load_with_torch(path: Path, start: bytes) -> Any:
     """Files of PyTorch before 1.6, which are pickles one after another."""
     if not start.startswith(b"\x80"):
         raise WeightsError(
@@ -228,19 +210,4 @@ def _read_with_torch(path: Path, start: bytes) -> Mapping[str, Any]:
             f"'{path}' was written by a PyTorch before 1.6 or is no weight file; to read it, "
             "install PyTorch: pip install 'remind-jax[convert]'"
         ) from error
-    try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:
-        raise WeightsError(
-            f"'{path}' is damaged or asks for more than tensors, so PyTorch refuses it: "
-            f"{first_line(error)}"
-        ) from error
-    if not isinstance(content, Mapping):
-        raise WeightsError(f"'{path}' holds a {type(content).__name__}, no dictionary of tensors")
-    return content
-
-
-def _damaged(path: Path, error: Exception) -> WeightsError:
-    return WeightsError(
-        f"'{path}' is damaged or cut short ({first_line(error)}); download it again"
-    )
+    return torch.load(path, map_location="cpu", weights_only=True)
