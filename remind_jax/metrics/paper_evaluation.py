@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +90,6 @@ def evaluate_paper(
     format: Format | None = None,
     truth_format: Format | None = None,
     name: str | None = None,
-    progress: Callable[[str], None] | None = None,
 ) -> tuple[PaperEvaluation, ...]:
     """Scores one set of predictions; a run of remind by both paths, REMIND's first.
 
@@ -100,7 +99,7 @@ def evaluate_paper(
       SourceError: If nothing can be read, or every scene failed.
     """
     stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
-    scored = stream.score(lambda s, p: _count_scene(stream, s, p, collapse), progress)
+    scored = stream.score(lambda s, p: _count_scene(stream, s, p, collapse))
     rest = scored.failed, tuple(scored.notes)
     generic = {scene: counts[-1] for scene, counts in scored.results.items()}
     if stream.predictions.format != "run":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from remind_jax.errors import RemindError, SourceError
@@ -42,29 +42,17 @@ def compare(
     truth_format: Format | None = None,
     options: SceneOptions | None = None,
     num_resamples: int = 1000,
-    progress: Callable[[str], None] | None = None,
 ) -> ComparisonTable:
     """Scores several predictions by the same rules.
 
     Raises:
       SourceError: If truth or a prediction cannot be read, or every scene of one fails.
     """
-    named = name_predictions(predictions)
     chosen = dataclasses.replace(options or SceneOptions(), by_object=True)
-    scored = []
-    for name, path in named.items():
-        report = None if progress is None else (lambda s, name=name: progress(f"{name}: {s}"))
-        scored.append(
-            evaluate(
-                truth,
-                path,
-                format=format,
-                truth_format=truth_format,
-                name=name,
-                options=chosen,
-                progress=report,
-            )
-        )
+    scored = [
+        evaluate(truth, path, format=format, truth_format=truth_format, name=name, options=chosen)
+        for name, path in name_predictions(predictions).items()
+    ]
     return table_of(scored, num_resamples=num_resamples)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -108,7 +108,6 @@ def evaluate(
     truth_format: Format | None = None,
     name: str | None = None,
     options: SceneOptions | None = None,
-    progress: Callable[[str], None] | None = None,
 ) -> SetEvaluation:
     """Scores predictions against truth.
 
@@ -130,7 +129,7 @@ def evaluate(
         evaluation, notes = _score_scene(stream, scene, predicted, options)
         return evaluation, _doubt_truth(evaluation) + notes
 
-    scored = stream.score(score, progress)
+    scored = stream.score(score)
     return SetEvaluation(
         stream.name, tuple(scored.results.values()), scored.failed, tuple(scored.notes)
     )

@@ -78,13 +78,11 @@ class SceneStream:
     name: str  # of the predictions
 
     def score(
-        self,
-        score_scene: Callable[[str, str], tuple[Score, list[str]]],
-        progress: Callable[[str], None] | None = None,
+        self, score_scene: Callable[[str, str], tuple[Score, list[str]]]
     ) -> ScoredScenes[Score]:
         """Scores all scenes, each by its names in the truth and in the predictions.
 
-        `score_scene` gives a result and notes; `progress` gets the name of every scene before.
+        `score_scene` gives a result and notes.
 
         Raises:
           RemindError: What a scene raised, if it is the only one.
@@ -94,8 +92,6 @@ class SceneStream:
         scenes_of: dict[str, list[str]] = {}  # by note
         is_alone = len(self.partner) == 1
         for scene, predicted in self.partner.items():
-            if progress is not None:
-                progress(scene)
             if predicted is None:
                 scored.failed[scene] = "there is no prediction of this scene"
                 continue

@@ -8,47 +8,49 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
 from remind_jax.errors import SourceError
-from remind_jax.files.records import Count, Label, decode_json, decode_rows
+from remind_jax.files import limits
+from remind_jax.files.records import decode_json
 from remind_jax.sources.file_tree import FileTree, read_bytes, require_inside
 from remind_jax.sources.source import UnreadableFrame
 
-_Labels = dict[str, msgspec.Raw]  # by the id of an instance
-_MaybeLabel: Any = Optional[Label]  # noqa: UP045  (one kind, as a value)
 NUMBERED_LABEL = re.compile(r"^(.+)_\d+$")
 ANY_CLASS = "object"
+_Id = Annotated[int, Meta(ge=0, lt=2**31)]
+_Name = Annotated[str, Meta(max_length=limits.MAX_LABEL, pattern=r"\S")]  # not blank
+_Labels = dict[_Id, _Name | None]  # by the id of an instance
+
+
+class _Segment(msgspec.Struct, frozen=True):
+    objectId: _Id | None = None
+    id: _Id | None = None
+    label: _Name | None = None
+
+
+class _Object(msgspec.Struct, frozen=True):
+    category: _Name | None = None
+
+
+class _Video(msgspec.Struct, frozen=True):
+    objects: dict[_Id, _Object] | None = None
 
 
 class _Content(msgspec.Struct, frozen=True):
     """What is read of a metadata file; the rest of it is somebody else's."""
 
-    default_class: Label | None = None
+    default_class: _Name | None = None
     frame_names: list[Annotated[str, Meta(min_length=1, max_length=1000)]] | None = None
-    id_to_label: dict[str, msgspec.Raw] | None = None
-    id_to_class: dict[str, msgspec.Raw] | None = None
-    segGroups: list[msgspec.Raw] | None = None
+    id_to_label: _Labels | None = None
+    id_to_class: _Labels | None = None
+    segGroups: list[_Segment] | None = None
     videos: msgspec.Raw = msgspec.Raw()
-
-
-class _Segment(msgspec.Struct, frozen=True):
-    objectId: Count | None = None
-    id: Count | None = None
-    label: Label | None = None
-
-
-class _Object(msgspec.Struct, frozen=True):
-    category: Label | None = None
-
-
-class _Video(msgspec.Struct, frozen=True):
-    objects: dict[str, _Object] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,7 +134,7 @@ def parse_metadata(data: bytes, file: str, sequence: str) -> Metadata:
     plain = {key: value for key, value in parts.items() if key != "default_class"}
     labels: _Labels | None = None
     if plain and all(key.isascii() and key.isdecimal() for key in plain):
-        labels = plain
+        labels = decode_json(msgspec.json.encode(plain), _Labels, where)
     classes = _find_classes(content, labels, file, sequence)
     return Metadata(classes or UNNAMED, tuple(names) if names else None)
 
@@ -146,67 +148,31 @@ def strip_number(label: str) -> str:
 def _find_classes(
     content: _Content, plain: _Labels | None, file: str, sequence: str
 ) -> ClassNames | None:
-    where = f"'{file}'"
+    segments: _Labels | None = None if content.segGroups is None else {}
+    for number, segment in enumerate(content.segGroups or (), 1):
+        instance = segment.id if segment.objectId is None else segment.objectId
+        if instance is None or segments is None:
+            raise SourceError(f"'{file}', `segGroups`, row {number}: `objectId` is missing")
+        segments[instance] = segment.label
     by_id: dict[int, str | None] = {}
     is_found = content.default_class is not None
-    if content.segGroups is not None:
-        is_found = True
-        for row in decode_rows(content.segGroups, _Segment, f"{where}, `segGroups`"):
-            segment = row.get()
-            number = segment.id if segment.objectId is None else segment.objectId
-            if number is None:
-                raise SourceError(f"{where}, `segGroups`, row {row.number}: `objectId` is missing")
-            by_id[number] = _class_in(segment.label, str, f"{where}, instance {number}")
-    for entries, convert in (
-        (_labels_of_video(content, sequence, where), str),
+    for labels, convert in (
+        (segments, str),
+        (_labels_of_video(content, sequence, file), str),
         (content.id_to_label, strip_number),
         (content.id_to_class, str),
         (plain, strip_number),
     ):
-        if entries is not None:
+        if labels is not None:
             is_found = True
-            by_id.update(_classes_by_id(entries, convert, where))
-    if content.default_class is not None and not content.default_class.strip():
-        raise SourceError(f"{where}, `default_class` is empty; give a class name")
+            by_id |= {i: None if name is None else convert(name) for i, name in labels.items()}
     return ClassNames(by_id, content.default_class, file) if is_found else None
 
 
-def _labels_of_video(content: _Content, sequence: str, where: str) -> _Labels | None:
+def _labels_of_video(content: _Content, sequence: str, file: str) -> _Labels | None:
     """Class by object id of one video of several (YouTube-VOS)."""
     if bytes(content.videos)[:1] != b"{":
         return None
-    videos = decode_json(bytes(content.videos), dict[str, msgspec.Raw], f"{where}, `videos`")
-    if sequence not in videos:
-        return None
-    place = f"{where}, `videos.{sequence[:40]}`"
-    objects = decode_json(bytes(videos[sequence]), _Video, place).objects
-    if objects is None:
-        return None
-    return {i: msgspec.Raw(msgspec.json.encode(found.category)) for i, found in objects.items()}
-
-
-def _classes_by_id(
-    labels: _Labels, convert: Callable[[str], str], where: str
-) -> dict[int, str | None]:
-    classes: dict[int, str | None] = {}
-    for key, raw in labels.items():
-        number = int(key) if re.fullmatch(r"\s*[0-9]{1,10}\s*", key) else -1
-        if not 0 <= number < 2**31:
-            raise SourceError(
-                f"{where}: instance id {key[:40]!r} is not a whole number from 0 to {2**31 - 1}"
-            )
-        place = f"{where}, instance {number}"
-        if number in classes:
-            raise SourceError(f"{place}: it stands twice; give it one class")
-        classes[number] = _class_in(decode_json(bytes(raw), _MaybeLabel, place), convert, place)
-    return classes
-
-
-def _class_in(label: str | None, convert: Callable[[str], str], place: str) -> str | None:
-    if label is None:
-        return None
-    if not label.strip():
-        raise SourceError(
-            f"{place}: its class is {label!r}; give a name, or null to leave the instance out"
-        )
-    return convert(label)
+    videos = decode_json(bytes(content.videos), dict[str, _Video], f"'{file}', `videos`")
+    objects = videos.get(sequence, _Video()).objects
+    return None if objects is None else {i: one.category for i, one in objects.items()}
