@@ -11,10 +11,10 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 
 from remind_jax.errors import WeightsError, first_line
-from remind_jax.files import say_no_file
+from remind_jax.files import reading, say_no_file
 from remind_jax.files.records import Text, read_json
 from remind_jax.files.tensors import read_safetensors_header
 from weights_convert.pickled_tensors import PickledTensor, read_pickled
@@ -105,14 +105,9 @@ def _find_in(folder: Path) -> Path:
 
 
 def _open_safetensors(path: Path) -> dict[str, StoredTensor]:
-    try:
-        header = read_safetensors_header(path, refused=WeightsError)
+    header = read_safetensors_header(path, refused=WeightsError)
+    with reading(path, WeightsError):
         file = safe_open(path, framework="np")
-    except (SafetensorError, OSError, WeightsError) as error:
-        raise WeightsError(
-            f"'{path}' is damaged, cut short or no safetensors file ({first_line(error)}); "
-            "download it again"
-        ) from error
     return {
         name: StoredTensor(tensor.shape, functools.partial(_read, file, name, path))
         for name, tensor in header.tensors.items()
@@ -120,12 +115,8 @@ def _open_safetensors(path: Path) -> dict[str, StoredTensor]:
 
 
 def _read(file: Any, name: str, path: Path) -> np.ndarray:
-    try:
+    with reading(path, WeightsError, place=f"tensor '{name}'"):
         return file.get_tensor(name)
-    except (SafetensorError, OSError, TypeError, KeyError) as error:
-        raise WeightsError(
-            f"tensor '{name}' of '{path}' cannot be read: {first_line(error)}"
-        ) from error
 
 
 def _open_shards(index: Path) -> WeightSource:

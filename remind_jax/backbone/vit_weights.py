@@ -14,11 +14,11 @@ from typing import Any
 
 import ml_dtypes
 import numpy as np
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 
 from remind_jax.backbone.vit_variants import CUSTOM, TERMS, VARIANTS, Variant, name_of
-from remind_jax.errors import RemindError, WeightsError, first_line
-from remind_jax.files import say_no_file, user_cache_folder
+from remind_jax.errors import RemindError, WeightsError
+from remind_jax.files import reading, say_no_file, user_cache_folder
 from remind_jax.files.records import decode_json
 from remind_jax.files.tensors import read_safetensors_header
 
@@ -139,25 +139,13 @@ def load_weights(path: str | Path, expected: str | None = None) -> Weights:
     path = Path(path)
     if wrong := say_no_file(path):
         raise WeightsError(f"weight file '{path}' {wrong}; give a file that 'remind convert' wrote")
-    again = "convert it again with 'remind convert'"
-    try:
-        said = read_safetensors_header(path, refused=WeightsError)
-    except WeightsError as error:
-        raise WeightsError(
-            f"'{path}' is damaged, cut short or no converted weight file ({error}); {again}"
-        ) from error
+    said = read_safetensors_header(path, refused=WeightsError)
     header = said.metadata
     variant = _variant_in(header, path, expected)
     _check_leaves({name: t.shape for name, t in said.tensors.items()}, variant, path)
     _check_bytes(path, header)
-    try:
-        with safe_open(path, framework="np") as file:
-            params = _gather(file, list(said.tensors), DTYPES[header["dtype"]], path)
-    except (SafetensorError, OSError) as error:
-        raise WeightsError(
-            f"'{path}' is damaged, cut short or no converted weight file ({first_line(error)}); "
-            f"{again}"
-        ) from error
+    with reading(path, WeightsError), safe_open(path, framework="np") as file:
+        params = _gather(file, list(said.tensors), DTYPES[header["dtype"]], path)
     return Weights(variant, params, header["data_sha256"])
 
 

@@ -71,7 +71,7 @@ def test_a_changed_byte(spoilt):
 
 
 def test_cut_short(spoilt):
-    assert "damaged, cut short or no converted weight file" in spoilt(data=lambda d: d[:-4])
+    assert "is damaged or of another form" in spoilt(data=lambda d: d[:-4])
 
 
 def describe(**values):
