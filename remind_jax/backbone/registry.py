@@ -260,32 +260,20 @@ def _check_call(
     name: str, factory: BackboneFactory, targets: tuple[str, ...], options: dict[str, Any]
 ) -> None:
     """Raises a `ConfigError` if the factory cannot be called like this."""
-    signature = inspect.signature(factory)
-    kinds = {parameter.kind for parameter in signature.parameters.values()}
-    allowed = [
-        key
-        for key, parameter in signature.parameters.items()
-        if parameter.kind
-        in (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    ]
-    if inspect.Parameter.VAR_KEYWORD not in kinds:
-        for key in options:
-            if key not in allowed:
-                hint = nearest_names(key, allowed) if allowed else "it takes none"
-                hint = "it needs none, leave them out" if key == "weights" else hint
-                raise ConfigError(f"backbone '{name}' has no option '{key}'; {hint}")
-    needed = [
-        key for key in allowed if signature.parameters[key].default is inspect.Parameter.empty
-    ]
-    if needed and not targets and needed[0] not in options:
-        also = " or as weights (--weights FILE)" if needed[0] == "weights" else ""
-        raise ConfigError(
-            f"backbone '{name}' needs its {needed[0]}; give it after a colon, '{name}:FILE'{also}"
+    parameters = inspect.signature(factory).parameters
+    named = [key for key, one in parameters.items() if one.kind is not one.VAR_KEYWORD]
+    unknown = next((key for key in options if key not in named), None)
+    if unknown is not None and len(named) == len(parameters):
+        hint = (
+            nearest_names(unknown, named)
+            if unknown != "weights"
+            else "it needs none, leave them out"
         )
+        raise ConfigError(f"backbone '{name}' has no option '{unknown}'; {hint}")
     try:
-        signature.bind(*targets, **options)
+        inspect.signature(factory).bind(*targets, **options)
     except TypeError as error:
         raise ConfigError(
-            f"backbone '{name}' cannot be made from {targets or 'no target'} and options "
-            f"{options}: {error}"
+            f"backbone '{name}': {error}; give a file after a colon, '{name}:FILE', or as weights "
+            "(--weights FILE), to what needs one"
         ) from error

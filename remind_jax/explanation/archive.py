@@ -122,11 +122,8 @@ class TraceArchive(Generic[Record]):
         if self._path is None:
             return
         path = self._path
-        try:
+        with files.reading(path, OutputError):
             columns = read_npz(path, refused=OutputError)
-        except OutputError as error:
-            raise OutputError(f"{error}; run the tracker again with --trace") from error
-        try:
             tracker, version = str(columns["tracker"]), int(columns["version"])
             if tracker != self._tracker:
                 raise OutputError(
@@ -141,13 +138,6 @@ class TraceArchive(Generic[Record]):
             self._frames = _split(self._kind, columns)
             names = columns["label.id"].tolist(), columns["label.name"].tolist()
             self._labels = {int(i): str(name) for i, name in zip(*names, strict=True)}
-        except OutputError:
-            raise
-        except (OSError, ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
-            raise OutputError(
-                f"'{path}' is damaged ({type(error).__name__}: {error}); run the tracker again "
-                "with --trace"
-            ) from error
         self._path = None
 
 
