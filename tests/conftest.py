@@ -38,7 +38,8 @@ jax.config.update("jax_disable_most_optimizations", True)
 if not jax.config.values["jax_compilation_cache_dir"]:
     cache = Path(tempfile.gettempdir()) / "remind-jax-test-programs"
     jax.config.update("jax_compilation_cache_dir", str(cache))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+jax.config.update("jax_traceback_in_locations_limit", 0)  # nobody reads where an operation is from
 # Nothing goes to the cache folder of who runs the tests; the workers of pytest-xdist, which inherit
 # the environment, share what they compile.
 if "PYTEST_XDIST_WORKER" not in os.environ:

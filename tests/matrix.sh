@@ -21,7 +21,8 @@ for python in "${pythons[@]}"; do
     "$UV" venv --quiet --python "$python" "$environment"
     # The oldest versions with wheels for this Python: older ones would be built from source.
     if VIRTUAL_ENV="$environment" "$UV" pip install --quiet --resolution "$resolution" \
-      --only-binary :all: -e ".[dev,detect]" && "$environment/bin/python" -m pytest -q -n 2 -m "not slow" "${share[@]}"
+      --only-binary :all: -e ".[dev,detect]" && "$environment/bin/python" -m pytest -q -n 2 \
+      -m "not slow and not heavy" "${share[@]}"
     then echo "== $name: passed"; else failed+=("$name"); fi
   done
 done

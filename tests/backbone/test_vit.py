@@ -72,7 +72,11 @@ def difference(tokens: Tokens, network: golden.Network, size: str, kind: str = "
     )
 
 
-CASES = [(stem, size) for stem in (*golden.TINY, "dinov3_s16") for size in golden.load(stem).sizes]
+CASES = [
+    pytest.param(stem, size, marks=[] if size == golden.load(stem).sizes[0] else pytest.mark.heavy)
+    for stem in (*golden.TINY, "dinov3_s16")
+    for size in golden.load(stem).sizes
+]
 
 
 @pytest.mark.parametrize(("stem", "size"), CASES)

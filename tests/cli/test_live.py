@@ -19,6 +19,8 @@ from remind_jax.session.live import Tracker
 from remind_jax.sources.feed import Feed
 from tests.sources.cameras import Camera, detect
 
+pytestmark = pytest.mark.heavy
+
 
 @pytest.fixture
 def camera():

@@ -12,6 +12,8 @@ from tests.corpus.mutations import change_file
 from tests.corpus.seeds import FORMATS, Format
 from tests.corpus.verb_seeds import VERBS
 
+pytestmark = pytest.mark.heavy
+
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_unchanged_file_is_accepted(name, tmp_path, monkeypatch):

@@ -18,6 +18,8 @@ from remind_jax.live_page.server import LivePage, is_known_host, parse_where
 from remind_jax.live_page.view import LiveView
 from tests.outputs.fake_run import make_run
 
+pytestmark = pytest.mark.heavy
+
 
 @pytest.fixture
 def view():

@@ -50,14 +50,14 @@ def used(detections: int, objects: int) -> tuple[int, int]:
     return sum(leaf.nbytes for leaf in jax.tree.leaves(state)), int(memory.temp_size_in_bytes)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_twice_the_detections_take_about_twice_the_memory(optimized):
     _, some = used(256, 512)
     _, twice = used(512, 512)
     assert twice < 2.3 * some, (some, twice)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", [(16, 64), (256, 512), (512, 512)])
 def test_what_is_foretold_is_enough_and_not_twice_what_is_needed(optimized, sizes):
     detections, objects = sizes

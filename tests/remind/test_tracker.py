@@ -131,13 +131,13 @@ def sweep(frames, states) -> TrackerState:
     )
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_capacities_scan_and_vmap_change_nothing(states, sweep):
     for t, state in enumerate(states[:NUM_SWEPT]):
         assert_same_state(METHOD.enlarge(state, LARGER), row(sweep, 0, t))
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_scenes_and_thresholds_of_a_sweep_are_those_of_a_loop(sweep):
     loop = world.run(OTHER_FRAMES, thresholds=OTHER_THRESHOLDS)
     for t, state in enumerate(loop):
@@ -279,7 +279,7 @@ def test_an_unused_slot_among_used_ones_is_empty(states):
     assert after.decisions.object_id[3] == NO_ID
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_overflow_is_flagged_and_changes_nothing_else(states, sweep):
     """Strangers fill the memory; grown, it takes the same frame."""
     before = states[-1]

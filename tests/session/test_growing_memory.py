@@ -37,7 +37,7 @@ def things(index: int) -> tuple[np.ndarray, Detections]:
     return image, Detections.create([labels == n for n in numbers], [f"{n}" for n in numbers])
 
 
-@pytest.mark.parametrize("name", ["bank", pytest.param("plus", marks=pytest.mark.heavy)])
+@pytest.mark.parametrize("name", ["bank", pytest.param("plus", marks=pytest.mark.slow)])
 def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same(
     looks_ahead, monkeypatch, name
 ):

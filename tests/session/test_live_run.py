@@ -21,6 +21,8 @@ from tests.cli import scenes
 from tests.sources import cameras
 from tests.sources.cameras import Camera
 
+pytestmark = pytest.mark.heavy
+
 CONFIG = {}
 OPTIONS = {"config": CONFIG, "announce_after": 1, "overlay": False, "progress": False}
 

@@ -150,7 +150,7 @@ def test_merges_are_kept_in_files(tracker, tmp_path):
 
 @pytest.mark.parametrize(
     "method",
-    [pytest.param(m, marks=[pytest.mark.heavy] if m == "remind" else []) for m in list_methods()],
+    [pytest.param(m, marks=[pytest.mark.slow] if m == "remind" else []) for m in list_methods()],
 )
 def test_what_is_forgotten_is_new_when_seen_again(method):
     tracker = Tracker(tracker=method)

@@ -22,6 +22,8 @@ from remind_jax.sources.capture import Lost, Unreachable, open_capture
 from tests.cli.scenes import write_video
 from tests.sources.cameras import Camera, number_in
 
+pytestmark = pytest.mark.heavy
+
 WAIT_S = 5.0
 
 

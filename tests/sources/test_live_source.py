@@ -21,6 +21,8 @@ from tests.sources import cameras
 from tests.sources.cameras import Camera, number_in
 from tests.sources.rtsp_camera import RtspCamera
 
+pytestmark = pytest.mark.heavy
+
 
 def open_live(*args, **options) -> LiveSource:
     source = rj.open_source(*args, **options)
