@@ -46,6 +46,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     steps = tempfile.mkdtemp(prefix="remind-jax-test-steps-")
     atexit.register(shutil.rmtree, steps, ignore_errors=True)
     os.environ[kept.VARIABLE] = steps
+os.environ.setdefault(kept.VARIABLE, kept.OFF)
 os.environ[profiles.VARIABLE] = os.devnull  # nor does a profile of theirs change a test
 MOST_MAPS = 32_000
 # A trace makes millions of small objects that live until it ends.
