@@ -78,6 +78,9 @@ class Host:
     columns: Mapping[str, tuple[int, tuple[str, ...]]] = dataclasses.field(default_factory=dict)
     # Leaves that these files do not have; they are as in an empty memory.
     new_leaves: tuple[str, ...] = ()
+    # `at_rest()` makes what keeps on the host, empty at first, objects that a step has no room for:
+    # `session.growing_memory.AtRest`. Left out, capacities for objects double.
+    at_rest: Callable[[], Any] | None = None
     # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
     # capacities that take too much are refused. Left out, all are tried.
     count_bytes: Callable[[Static], int] | None = None

@@ -73,20 +73,22 @@ class FrameStep:
         self._method, self._is_traced = method, traced
         self._prepared: dict[Any, _Programs] = {}
 
-    def __call__(
-        self, memory: Bundle, frame_input: FrameInput, static: Static
-    ) -> tuple[Bundle, Packed, Any]:
-        """Steps; the buffers of `memory` are used up.
+    def describe(self, frame_input: FrameInput, static: Static) -> Described:
+        """What the frame looks like."""
+        leaves, structure = jax.tree.flatten(frame_input)
+        programs = self._programs(leaves, structure, static)
+        return Described(programs, programs.describe(*leaves), frame_input.thresholds)
+
+    def decide(self, memory: Bundle, described: Described) -> tuple[Bundle, Packed, Any]:
+        """Decides and remembers; the buffers of `memory` are used up.
 
         Returns:
           The memory, `Readout` packed, and the trace of the decisions if asked for, else None.
         """
-        leaves, structure = jax.tree.flatten(frame_input)
-        programs = self._programs(leaves, structure, static)
+        programs = described.programs
         memory_leaves, memory_structure = jax.tree.flatten(memory)
-        seen = programs.describe(*leaves)
-        placed = jax.tree.leaves(frame_input.thresholds)
-        answer = programs.decide(*memory_leaves, *seen, *placed)
+        placed = jax.tree.leaves(described.thresholds)
+        answer = programs.decide(*memory_leaves, *described.leaves, *placed)
         memory_leaves, rest = answer[: len(memory_leaves)], answer[len(memory_leaves) :]
         types = programs.readout.vector_types
         readout = Packed(dict(zip(types, rest, strict=False)), programs.readout)
@@ -139,7 +141,7 @@ class FrameStep:
         given = (described.outputs, example.thresholds)
         decide = self._decide_program(decide_seen, state, given, static)
         trace_structure = decide.structure.children()[2] if self._is_traced else None
-        return _Programs(described, decide, Layout.of(readout), trace_structure)
+        return _Programs(described, decide, Layout.of(readout), trace_structure, seen_structure)
 
     def _decide_program(
         self,
@@ -191,6 +193,21 @@ class _Programs:
     decide: Program
     readout: Layout
     trace_structure: Any
+    seen_structure: Callable[[], Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Described:
+    """A frame as it looks, for the step of the capacities that it was described for."""
+
+    programs: _Programs
+    leaves: list[jax.Array]
+    thresholds: Packed
+
+    @property
+    def seen(self) -> Any:
+        """What `method.describe` gave."""
+        return jax.tree.unflatten(self.programs.seen_structure(), self.leaves)
 
 
 def _describe(describe: Callable[..., Any], static: Static, frame_input: FrameInput) -> Any:

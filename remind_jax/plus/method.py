@@ -16,6 +16,7 @@ from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
 from remind_jax.plus.memory_need import count_bytes
 from remind_jax.plus.observation import RING_PATCHES, Motion, Sightings, observe
+from remind_jax.plus.recall import ObjectsAtRest
 from remind_jax.plus.revision import DelayedAnswers, find_merges
 from remind_jax.plus.state import PlusState, init
 from remind_jax.plus.thresholds import PlusThresholds
@@ -80,6 +81,7 @@ METHOD = Method(
         find_faults=find_faults,
         columns=COLUMNS,
         new_leaves=NEW_LEAVES,
+        at_rest=ObjectsAtRest,
         count_bytes=count_bytes,
     ),
     Sweeping(described_by=("looks.unit_patches",), in_turn_on_cpu=True),

@@ -8,10 +8,12 @@ import dataclasses
 import gc
 import logging
 import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import jax
+import numpy as np
 
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
 from remind_jax.compiled.packing import Bundle, Packed
@@ -21,7 +23,7 @@ from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import Method
 from remind_jax.observation import AnyFeats
 from remind_jax.printing.words import listing
-from remind_jax.session.ahead import PRESSED, Ahead
+from remind_jax.session.ahead import Ahead
 from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.preparation import Prepared
 from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, Static
@@ -32,8 +34,11 @@ _CAPACITIES = {
     "undecided tracks": "num_pending",
 }
 
-SETTLED_FRAMES = 100  # after which a loop that must not wait has twice of everything prepared
-MAX_IDLE_BYTES = 1 << 28  # of memory and step, that may lie ready for a growth nobody foresees
+# Share of a capacity from which on twice of it is prepared: objects stay, the rest comes and goes.
+PRESSED = {"num_detections": 3 / 4, "num_objects": 1 / 2, "num_pending": 3 / 4}
+# Slots of the working set per detection slot: each may be open in one frame and be an object beside
+# a new one in the next, and as much again is at hand.
+OBJECTS_PER_DETECTION = 4
 
 # Frames after which freed memory goes back: what a compiler freed lies scattered, and a loop would
 # touch more and more of its pages.
@@ -49,33 +54,64 @@ MAX_UNCOUNTED = 2048  # detections in a frame, of methods that do not count thei
 _GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of a container, where there is one
 
 
+class AtRest(Protocol):
+    """Objects of a method that rest on the host, while its memory has slots for others."""
+
+    max_objects: int | None  # that are remembered in all; None: all
+
+    def make_room(self, state: Any, static: Static, needed: int) -> Any:
+        """The memory with so many slots free that they suffice; None if that cannot be."""
+        ...
+
+    def recall(self, state: Any, seen: Any, static: Static) -> Any:
+        """The memory with what the next frame may show; None if nothing comes."""
+        ...
+
+    def ids(self) -> list[int]:
+        """Ids of all objects at rest."""
+        ...
+
+    def forget(self, ids: Iterable[int]) -> None:
+        """Lets objects go with all that is kept of them."""
+        ...
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """All of it as arrays by name, for a file."""
+        ...
+
+    def restore(self, tensors: Mapping[str, np.ndarray], state: Any) -> None:
+        """Goes on from what `tensors` gave, beside this memory."""
+        ...
+
+
 class GrowingMemory:
     """The memory of a method and its compiled step; results do not depend on capacities.
 
-    The next larger capacities are prepared in a thread of their own before they are needed: their
-    program is compiled, and the memory to move into is made.
+    Capacities double when they overflow, and the program of the next larger ones is compiled in a
+    thread of its own before it is needed. Where a method has a place for objects at rest, these
+    make room instead, and the program stays the same however many are known.
 
     Attributes:
       static: Capacities as grown so far.
       traced: Whether it keeps what decisions were made of.
       trace: What the decisions of the last frame were made of, on the host.
       has_grown: Whether it did so in the last frame.
-      keeps_reserve: Whether twice of all capacities is prepared as well, once it has been in use
-        for a while: for loops that must not wait when a frame suddenly shows much more.
+      at_rest: Objects at rest; None where the method has no place for them.
     """
 
     def __init__(self, method: Method, static: Static, *, traced: bool) -> None:
         self._state: Any = None  # as it was read or set last; None where it has to be read
         self._bundle: Bundle | None = None  # as the last step left it
-        self.static = static
         self.trace: Any = None
-        self.has_grown = self.keeps_reserve = False
+        self.has_grown = False
         self.traced = traced
         self.frame_step = FrameStep(method, traced=traced)
-        self.ahead = Ahead(method)
+        self.ahead = Ahead()
         self._method = method
         self._num_steps = 0
         self._placed: tuple[Any, Packed | None] = (None, None)  # thresholds on the device
+        self.at_rest: AtRest | None = self._new_rest()
+        self.static = self._grown(static)
 
     @property
     def state(self) -> Any:
@@ -91,6 +127,7 @@ class GrowingMemory:
     def forget(self) -> None:
         """Empties it; compiled programs stay."""
         self.state = self.trace = None
+        self.at_rest = self._new_rest()
 
     def prepare_programs(
         self,
@@ -101,30 +138,15 @@ class GrowingMemory:
     ) -> None:
         """Compiles or loads what such frames need, for up to `num_objects` objects at least.
 
-        With a number of objects, that is all that a loop will need: every capacity on the way, and
-        for what comes suddenly twice of the detections and undecided tracks, with room for as many
-        more objects. Nothing is compiled then before it is sure that something else is needed.
-
         Raises:
           SourceError: If so many do not fit this machine.
         """
         static = self._with_feature_dim(frame_feats.patches.shape[-1])
         ready = [static]
-        while ready[-1].num_objects < num_objects:
+        while self.at_rest is None and ready[-1].num_objects < num_objects:
             ready.append(ready[-1].grow(num_objects=ready[-1].num_objects + 1))
         for static in ready:
             self._prepare(frame_feats, prepared, thresholds, static)
-        if num_objects:
-            with contextlib.suppress(ConfigError, SourceError):  # nothing larger, or no room for it
-                reserve = static.grow(
-                    num_detections=static.num_detections + 1, num_pending=static.num_pending + 1
-                )
-                reserve = reserve.grow(num_objects=num_objects + reserve.num_detections)
-                self._prepare(frame_feats, prepared, thresholds, reserve)
-                ready.append(reserve)
-            self.ahead.at_hand += [one for one in ready if one not in self.ahead.at_hand]
-            self._make_spare(ready[0])
-            self.ahead.finish()
         # What tracing left behind takes a tenth of a second to go through: better now than within
         # a frame.
         gc.collect()
@@ -132,7 +154,7 @@ class GrowingMemory:
     def step(
         self, frame_feats: AnyFeats, prepared: Prepared, thresholds: Any
     ) -> tuple[Decisions, Outlines]:
-        """Steps, growing capacities until the frame fits; outlines the masks meanwhile.
+        """Steps, making room until the frame fits; outlines the masks meanwhile.
 
         Raises:
           SourceError: If the features are not as wide as those of earlier frames, or the frame
@@ -147,23 +169,26 @@ class GrowingMemory:
             # Each may be open in one frame, and be an object beside a new one in the next.
             needed["num_objects"] = 2 * num
         before = self.static
-        self.make_room(**needed)
+        self._grow(**needed)
         if self.state is None:
             self.state = self._method.init(self.static)
         outlines: Outlines | None = None
         while True:
-            self._bundle, self._state = self._bundle or Bundle.of(self._state), None
             frame_input = self._input(frame_feats, prepared, thresholds, self.static)
+            described = self.frame_step.describe(frame_input, self.static)
+            if self.at_rest is not None and outlines is None and self.at_rest.ids():
+                recalled = self.at_rest.recall(self.state, described.seen, self.static)
+                if recalled is not None:
+                    self.state = recalled
+            self._bundle, self._state = self._bundle or Bundle.of(self._state), None
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
-            self._bundle, packed, trace = self.frame_step(self._bundle, frame_input, self.static)
+            self._bundle, packed, trace = self.frame_step.decide(self._bundle, described)
             outlines = outlines or outline(prepared.detections.masks)
             readout: Readout = jax.device_get(packed).unpack()
             if not readout.overflow.objects and not readout.overflow.pending:
                 break
-            self.make_room(
-                num_objects=int(readout.overflow.objects), num_pending=int(readout.overflow.pending)
-            )
+            self._make_room(int(readout.overflow.objects), int(readout.overflow.pending))
         self._num_steps += 1
         if self._num_steps % _RETURN_EVERY == 0:
             _return_freed_memory()
@@ -172,22 +197,49 @@ class GrowingMemory:
         self._look_ahead(frame_feats, prepared, thresholds, readout.occupied)
         return readout.decisions, outlines
 
-    def make_room(self, **needed: int) -> None:
-        """Moves the memory into larger capacities; the programs are often ready by then."""
-        larger = self.static.grow(**needed)
+    def reserve(self, num_detections: int) -> None:
+        """Makes room for so many detections in a frame."""
+        self._grow(num_detections=num_detections)
+
+    def known_ids(self) -> set[int]:
+        """Ids of all objects, at rest or not, and of those that are coming to be."""
+        resting = () if self.at_rest is None else self.at_rest.ids()
+        return {*self._method.known_ids(self.state), *resting}
+
+    def _new_rest(self) -> AtRest | None:
+        make = self._method.host.at_rest
+        return None if make is None else make()
+
+    def _make_room(self, num_objects: int, num_pending: int) -> None:
+        """After a frame that did not fit: rests objects, or moves into larger capacities."""
+        if self.at_rest is not None and num_objects:
+            rested = self.at_rest.make_room(self.state, self.static, num_objects)
+            if rested is not None:
+                self.state = rested
+                return
+        self._grow(num_objects=num_objects, num_pending=num_pending)
+
+    def _grow(self, **needed: int) -> None:
+        """Moves the memory into larger capacities; their program is often ready by then."""
+        larger = self._grown(self.static.grow(**needed))
         if larger == self.static:
             return
         check_room(self._method, larger)
         before, self.static = self.static, self.ahead.room_for(larger)
         if self.state is not None:
-            empty = self.ahead.take_spare(self.static)
-            self.state = self._method.enlarge(self.state, self.static, empty)
+            self.state = self._method.enlarge(self.state, self.static)
         grown = [
             f"{getattr(self.static, name)} {what}"
             for what, name in _CAPACITIES.items()
             if getattr(self.static, name) != getattr(before, name)
         ]
         _log.debug("there is room for %s now", listing(grown))
+
+    def _grown(self, static: Static) -> Static:
+        """The capacities with a working set that suits the detections, where there is one."""
+        if self.at_rest is None:
+            return static
+        return static.grow(num_objects=OBJECTS_PER_DETECTION * static.num_detections)
 
     def _with_feature_dim(self, dim: int) -> Static:
         """The capacities with the width of the features, which the first frame brings."""
@@ -238,40 +290,21 @@ class GrowingMemory:
         thresholds: Any,
         occupied: tuple[Any, Any],
     ) -> None:
-        """Has twice prepared of each capacity that is nearly full, or for a live loop of all."""
+        """Has twice prepared of each capacity that is nearly full."""
         num_objects, num_pending = (int(count) for count in occupied)
-        counts = {
-            "num_detections": len(prepared.masks.valid),
-            "num_objects": num_objects,
-            "num_pending": num_pending,
-        }
-        grown = [n for n, num in counts.items() if num >= PRESSED[n] * getattr(self.static, n)]
-        if not grown and self.keeps_reserve and self._num_steps >= SETTLED_FRAMES:
-            grown = list(counts)
-        try:
-            wanted = self.static.grow(**{name: getattr(self.static, name) + 1 for name in grown})
-        except ConfigError:
-            return  # there is nothing larger; the frame that needs it will tell
-        if grown and not self.ahead.is_near(wanted):
+        counts = {"num_detections": len(prepared.masks.valid), "num_pending": num_pending}
+        if self.at_rest is None:
+            counts["num_objects"] = num_objects
+        pressed = [n for n, num in counts.items() if num >= PRESSED[n] * getattr(self.static, n)]
+        if not pressed:
+            return
+        with contextlib.suppress(ConfigError):  # nothing larger; the frame that needs it will tell
+            wanted = self.static.grow(**{n: getattr(self.static, n) + 1 for n in pressed})
+            wanted = self._grown(wanted)
             # The size of this frame is that of the next ones.
             self.ahead.start(
-                wanted,
-                lambda: self._prepare(frame_feats, prepared, thresholds, wanted),
-                with_spare=counts["num_objects"] >= PRESSED["num_objects"] * self.static.num_objects
-                or self._is_small(wanted),
+                wanted, lambda: self._prepare(frame_feats, prepared, thresholds, wanted)
             )
-        else:
-            self._make_spare(self.static)
-
-    def _make_spare(self, present: Static) -> None:
-        """Has the memory made that the next growth moves into, if it is small."""
-        following = self.ahead.following(present)
-        if following is not None and self._is_small(following):
-            self.ahead.start(following, None, with_spare=True)
-
-    def _is_small(self, static: Static) -> bool:
-        count = self._method.host.count_bytes
-        return count is None or count(static) <= MAX_IDLE_BYTES
 
 
 def check_room(method: Method, static: Static) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import threading
 import time
 from collections.abc import Iterator, Mapping
@@ -148,7 +147,11 @@ class Tracker(Printable):
     @property
     def num_objects(self) -> int:
         """Objects in memory."""
-        return 0 if self.state is None else int(np.sum(jax.device_get(self.state.objects).id >= 0))
+        if self.state is None:
+            return 0
+        at_rest = self._memory.at_rest
+        resting = 0 if at_rest is None else len(at_rest.ids())
+        return int(np.sum(jax.device_get(self.state.objects).id >= 0)) + resting
 
     def objects(self) -> tuple[RememberedObject, ...]:
         """What is known of each object in memory that got an id, by rising id."""
@@ -265,7 +268,7 @@ class Tracker(Printable):
         frame_size = check_size(frame_size)
         check_option("num_objects", num_objects, 0, MOST_OBJECTS)
         check_option("num_detections", num_detections, 0, MOST_DETECTIONS)
-        self._memory.make_room(num_detections=num_detections)
+        self._memory.reserve(num_detections)
         image = np.zeros((*frame_size, 3), np.uint8)
         nothing = Detections.empty(*frame_size)
         # With a preparer of its own: the next frame does not follow this one.
@@ -301,7 +304,6 @@ class Tracker(Printable):
 
             given = detections_from(detections, frame.size)
             frame = dataclasses.replace(frame, detections=given)
-        self._memory.keeps_reserve = True
         return self.advance(self.prepare(frame))
 
     def prepare(self, frame: Frame) -> Prepared:
@@ -352,7 +354,7 @@ class Tracker(Printable):
         decided = read_tracks(prepared.frame, prepared.detections, outlines, decisions)
         merges = [] if self.method.host.merges is None else self.method.host.merges(self.state)
         pictured = prepared.frame.image if self.config.input.keep_pictures else None
-        known_ids = functools.partial(self.method.known_ids, self.state)
+        known_ids = self._memory.known_ids
         tracks, found = self.identities.add(decided, merges, pictured, known_ids)
         omitted = note_omissions(prepared, decisions, self.config.input.ignored_classes)
         self.events = [*omitted, *found]

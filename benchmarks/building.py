@@ -1,0 +1,168 @@
+"""A building: place after place is learned, then some are visited again; time, memory, identities.
+
+    python benchmarks/building.py [--objects 120,1200,10000] [--trackers default,bank] [--json OUT]
+
+Every place has twelve objects in the same grid; every object has a look of its own, nearly
+orthogonal to all others; each is of one of 40 classes; features are given. A place is in view for
+ten frames; the camera jumps from one to the next. Then twenty of the places are visited again. Each
+size runs in a process of its own, so that peaks of memory are its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks.rows import show_rows
+from remind_jax.frame import Detections, Frame
+from remind_jax.numerics.absent import NO_ID
+from remind_jax.session.live import Tracker
+
+PER_PLACE, STAY, BACK, CLASSES = 12, 10, 20, 40
+ROWS, COLUMNS, CELL_PX, PATCH_PX = 3, 4, 96, 16
+DIM = 384
+
+
+class Building:
+    """Frames of places; the look of every object is made anew where it is asked for."""
+
+    def __init__(self, num_objects: int, noise: float, one_class: bool, seed: int) -> None:
+        """`noise`: length of what is added to a look of length 1 in every frame."""
+        self.num_places = -(-num_objects // PER_PLACE)
+        self._noise, self._one_class, self._seed = noise, one_class, seed
+        self._rng = np.random.default_rng(seed + 1)
+        height, width = ROWS * CELL_PX, COLUMNS * CELL_PX
+        self._masks = np.zeros((PER_PLACE, height, width), bool)
+        self._cells = np.zeros((PER_PLACE, height // PATCH_PX, width // PATCH_PX), bool)
+        for k in range(PER_PLACE):
+            top, left = divmod(k, COLUMNS)
+            inner = (
+                slice(top * CELL_PX + 16, top * CELL_PX + 80),
+                slice(left * CELL_PX + 16, left * CELL_PX + 80),
+            )
+            self._masks[k][inner] = True
+            self._cells[k] = self._masks[k][::PATCH_PX, ::PATCH_PX]
+
+    def visits(self) -> list[int]:
+        """Places in the order in which they are in view."""
+        again = self._rng.permutation(self.num_places)[:BACK]
+        return [*range(self.num_places), *(int(one) for one in again)]
+
+    def frame(self, index: int, place: int) -> Frame:
+        """The place in view, with fresh noise, its objects in any order."""
+        of_place = np.random.default_rng((self._seed, place))
+        looks = of_place.normal(size=(PER_PLACE, DIM))
+        looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+        classes = of_place.integers(0, CLASSES, PER_PLACE) * (not self._one_class)
+        added = self._rng.normal(size=looks.shape) / np.sqrt(DIM)
+        looks = looks + self._noise * added
+        features = np.zeros((*self._cells.shape[1:], DIM), np.float32)
+        for cells, look in zip(self._cells, looks, strict=True):
+            features[cells] = look
+        order = self._rng.permutation(PER_PLACE)
+        detections = Detections.create(
+            self._masks[order],
+            [f"class {classes[k]}" for k in order],
+            instance_ids=place * PER_PLACE + order,
+        )
+        return Frame(index, index, index / 10, str(index), None, detections, features)
+
+
+def measure(
+    num_objects: int, tracker_name: str, noise: float = 0.05, one_class: bool = False, seed: int = 0
+) -> dict[str, Any]:
+    """One row: a building of so many objects."""
+    compiled: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, *_, **__: compiled.append(event) if "backend_compile" in event else None
+    )
+    building = Building(num_objects, noise, one_class, seed)
+    tracker = Tracker(tracker_name)
+    visits = building.visits()
+    told: dict[int, int] = {}  # id of each object at the end of its first visit
+    known_again = taken = asked = first_right = 0
+    spent, cpu, compiled_first = [], [], 0
+    for number, place in enumerate([one for one in visits for _ in range(STAY)]):
+        frame = building.frame(number, place)
+        start, cpu_start = time.perf_counter(), time.process_time()
+        tracks = tracker.update(frame)
+        spent.append(1000 * (time.perf_counter() - start))
+        cpu.append(1000 * (time.process_time() - cpu_start))
+        if number == 0:
+            compiled_first = len(compiled)
+        truth = frame.detections.instance_ids
+        visit, moment = divmod(number, STAY)
+        pairs = list(zip(truth.tolist(), tracks.object_id.tolist(), strict=True))
+        if visit < building.num_places:
+            told |= dict(pairs)
+            owners = {one: thing for thing, one in told.items()} if moment == STAY - 1 else {}
+        elif moment == 0:
+            first_right += sum(told[thing] == one for thing, one in pairs)
+            owners = {one: thing for thing, one in told.items()}
+        elif moment == STAY - 1:
+            asked += len(pairs)
+            known_again += sum(told[thing] == one for thing, one in pairs)
+            taken += sum(
+                one != NO_ID and told[thing] != one and one in owners for thing, one in pairs
+            )
+    later = np.array(spent[1:])
+    return {
+        "name": f"{tracker_name}, {building.num_places * PER_PLACE} objects",
+        "median_ms": float(np.median(later)),
+        "p95_ms": float(np.percentile(later, 95)),
+        "most_ms": float(later.max()),
+        "cpu_ms": float(np.median(cpu[1:])),
+        "peak_GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+        "distinct": len(set(told.values())),
+        "asked": asked,
+        "known_again": known_again,
+        "taken": taken,
+        "first_frame": first_right,
+        "compiled_later": len(compiled) - compiled_first,
+    }
+
+
+def rows(arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Each in a process of its own."""
+    for name in arguments.trackers.split(","):
+        for count in arguments.objects.split(","):
+            words = [sys.executable, __file__, "--one", name, "--objects", count]
+            words += ["--noise", str(arguments.noise), "--seed", str(arguments.seed)]
+            words += ["--one-class"] * arguments.one_class
+            done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True)
+            yield json.loads(done.stdout.splitlines()[-1])
+
+
+def main() -> None:
+    """Measures what the command line names."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--objects", default="120,1200,10000")
+    parser.add_argument("--trackers", default="default,bank")
+    parser.add_argument("--noise", type=float, default=0.05)
+    parser.add_argument("--one-class", action="store_true")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--one", help=argparse.SUPPRESS)
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    if arguments.one:
+        count, noise = int(arguments.objects), arguments.noise
+        row = measure(count, arguments.one, noise, arguments.one_class, arguments.seed)
+        print(json.dumps(row))
+    else:
+        show_rows(rows(arguments), arguments.json)
+
+
+if __name__ == "__main__":
+    main()

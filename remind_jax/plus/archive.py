@@ -1,0 +1,257 @@
+"""Objects at rest: what the step has no room for lies on the host, and comes back as it was (host).
+
+Rule: method_plus.md#archive.
+
+What was learned of an object is copied both ways without loss. Of its relations to others those to
+its nearest partners are kept, so that the archive grows with the number of objects, not with its
+square. Where it lies in the image is not known any more after a rest.
+
+Letters: `O` object slots, `K` kept looks per object, `D` feature dimension, `P` partners.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from remind_jax.numerics.absent import NO_ID, NO_SLOT
+from remind_jax.plus.look_index import LookIndex, Owner, Whitener
+from remind_jax.plus.state import NO_RELATION, Objects, Pairs, PlusState, Scene
+
+MAX_PARTNERS = 24  # others that an object is remembered beside: those it was seen with most
+UNKNOWN_PLACE = 100.0  # variance of a position that is not known, in squares of frame units
+
+_PARTNER = np.dtype(
+    [
+        ("id", "i4"),
+        ("covisible", "f4"),
+        ("relation", "f4", (2,)),
+        ("spread", "f4"),
+        ("log_ratio", "f4"),
+    ]
+)
+# What is copied of an object as it is; its looks are kept apart, its place is not kept.
+_COPIED = tuple(
+    field.name
+    for field in dataclasses.fields(Objects)
+    if field.name not in ("position", "bank", "bank_count", "white_bank")
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Resting:
+    """An object as it was in the working set."""
+
+    values: dict[str, np.ndarray]  # fields of `Objects` of the same names
+    bank: Float[np.ndarray, "K D"]  # kept looks; free places are left out
+    bank_count: Int[np.ndarray, "K"]
+
+    @property
+    def id(self) -> int:
+        """Its id."""
+        return int(self.values["id"])
+
+
+class Archive:
+    """All objects at rest, by id, and whom each object was seen with.
+
+    Attributes:
+      looks: Their looks, to be found by.
+    """
+
+    def __init__(self) -> None:
+        """Nothing rests."""
+        self.looks = LookIndex()
+        self._resting: dict[int, Resting] = {}
+        self._partners: dict[int, np.ndarray] = {}  # of objects that rest or rested
+
+    def __len__(self) -> int:
+        return len(self._resting)
+
+    def __contains__(self, object_id: int) -> bool:
+        return object_id in self._resting
+
+    def ids(self) -> list[int]:
+        """Ids of all objects at rest."""
+        return list(self._resting)
+
+    def partners(self, object_id: int) -> np.ndarray:
+        """Whom it was seen with, as far as it rested since: fields `id`, `covisible` and others."""
+        return self._partners.get(object_id, np.zeros(0, _PARTNER))
+
+    def rest(self, state: PlusState, empty: PlusState, slots: Sequence[int]) -> PlusState:
+        """Takes objects out of a memory of host arrays; gives the memory without them.
+
+        Args:
+          state: The memory; no tracklet holds these objects.
+          empty: A memory without objects, of the same capacities.
+          slots: Where they lie.
+        """
+        objects, pairs = state.objects, state.pairs
+        for slot in slots:
+            self._partners[int(objects.id[slot])] = self._partners_of(objects, pairs, slot)
+        resting = []
+        for slot in slots:
+            num = int(np.count_nonzero(objects.bank_count[slot]))
+            one = Resting(
+                {name: np.array(getattr(objects, name)[slot]) for name in _COPIED},
+                np.array(objects.bank[slot, :num]),
+                np.array(objects.bank_count[slot, :num]),
+            )
+            resting.append(one)
+        self._put(resting, state.scene)
+        return _cleared(state, empty, np.asarray(slots, int))
+
+    def wake(
+        self, state: PlusState, ids: Iterable[int], center: Float[np.ndarray, "2"]
+    ) -> PlusState:
+        """Moves objects into free slots of a memory of host arrays.
+
+        Args:
+          state: The memory, which has room for them.
+          ids: Of objects at rest.
+          center: Of the frame, in frame units; somewhere around it they are.
+        """
+        whitener = Whitener.of(state.scene)
+        objects = jax.tree.map(np.array, state.objects)
+        pairs = jax.tree.map(np.array, state.pairs)
+        free = iter(np.flatnonzero(objects.id == NO_ID).tolist())
+        woken = []
+        for object_id in ids:
+            slot, one = next(free), self._resting.pop(object_id)
+            self.looks.remove(object_id)
+            for name, value in one.values.items():
+                getattr(objects, name)[slot] = value
+            count = len(one.bank)
+            objects.bank[slot, :count], objects.bank_count[slot, :count] = one.bank, one.bank_count
+            objects.position[slot] = center
+            pairs.covariance[slot, slot] = UNKNOWN_PLACE
+            pairs.covisible[slot, slot] = one.values["seen"]
+            woken.append(slot)
+        kept = objects.bank_count[woken] > 0
+        white = whitener.whiten(objects.bank[woken])
+        objects.white_bank[woken] = np.where(kept[..., None], white, 0.0)
+        slot_of = {int(one): slot for slot, one in enumerate(objects.id) if one != NO_ID}
+        for slot in woken:
+            partners = self.partners(int(objects.id[slot]))
+            others = np.array([slot_of.get(one, NO_SLOT) for one in partners["id"].tolist()], int)
+            _relate(pairs, slot, others[others != NO_SLOT], partners[others != NO_SLOT])
+        return dataclasses.replace(state, objects=objects, pairs=pairs)
+
+    def forget(self, ids: Collection[int]) -> None:
+        """Lets objects go, at rest or not, with all that was known of them beside others."""
+        for object_id in set(ids) & set(self._resting):
+            del self._resting[object_id]
+            self.looks.remove(object_id)
+        for object_id in set(ids) & set(self._partners):
+            del self._partners[object_id]
+
+    def longest_unseen(self, num: int) -> list[int]:
+        """Ids of so many objects at rest that were seen in fewest frames, of these the earliest."""
+
+        def worth(object_id: int) -> tuple[int, int]:
+            values = self._resting[object_id].values
+            return int(values["seen"]), int(values["last"])
+
+        return sorted(self._resting, key=worth)[:num]
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """Everything as arrays by name, for a file; nothing if nothing rests."""
+        if not self._resting:
+            return {}
+        resting = list(self._resting.values())
+        found = {name: np.stack([one.values[name] for one in resting]) for name in _COPIED}
+        found["num_looks"] = np.array([len(one.bank) for one in resting], np.int32)
+        found["bank"] = np.concatenate([one.bank for one in resting])
+        found["bank_count"] = np.concatenate([one.bank_count for one in resting])
+        found["partners_of"] = np.array(list(self._partners), np.int32)
+        found["num_partners"] = np.array([len(one) for one in self._partners.values()], np.int32)
+        partners = np.concatenate([*self._partners.values(), np.zeros(0, _PARTNER)])
+        found |= {f"partners.{name}": np.array(partners[name]) for name in _PARTNER.names or ()}
+        return found
+
+    @classmethod
+    def restored(cls, tensors: Mapping[str, np.ndarray], scene: Scene) -> Archive:
+        """What `tensors` gave.
+
+        Args:
+          tensors: By name.
+          scene: What was learned about all objects, of the memory beside it.
+
+        Raises:
+          ValueError: If they do not belong together.
+          KeyError: If one is missing.
+        """
+        archive = cls()
+        if not tensors:
+            return archive
+        looks = np.split(tensors["bank"], np.cumsum(tensors["num_looks"])[:-1])
+        counts = np.split(tensors["bank_count"], np.cumsum(tensors["num_looks"])[:-1])
+        resting = []
+        for row, (bank, count) in enumerate(zip(looks, counts, strict=True)):
+            values = {name: np.array(tensors[name][row]) for name in _COPIED}
+            resting.append(Resting(values, np.array(bank), np.array(count)))
+        archive._put(resting, scene)
+        partners = np.zeros(len(tensors["partners.id"]), _PARTNER)
+        for name in _PARTNER.names or ():
+            partners[name] = tensors[f"partners.{name}"]
+        ends = np.cumsum(tensors["num_partners"])
+        for object_id, end, count in zip(
+            tensors["partners_of"].tolist(), ends, tensors["num_partners"], strict=True
+        ):
+            archive._partners[object_id] = partners[end - count : end].copy()
+        return archive
+
+    def _put(self, resting: Sequence[Resting], scene: Scene) -> None:
+        self._resting |= {one.id: one for one in resting}
+        owners = [Owner(one.id, int(one.values["class_id"]), one.bank) for one in resting]
+        if owners:
+            self.looks.add(owners, Whitener.of(scene))
+
+    def _partners_of(self, objects: Objects, pairs: Pairs, slot: int) -> np.ndarray:
+        """Its nearest partners: as they are in the working set, and as they were before."""
+        exists = objects.id != NO_ID
+        known = (pairs.covisible[slot] > 0) | (pairs.spread[slot] < NO_RELATION)
+        others = np.flatnonzero(exists & known)
+        others = others[others != slot]
+        now = np.zeros(len(others), _PARTNER)
+        now["id"] = objects.id[others]
+        for name in ("covisible", "relation", "spread", "log_ratio"):
+            now[name] = getattr(pairs, name)[slot, others]
+        before = self.partners(int(objects.id[slot]))
+        before = before[~np.isin(before["id"], objects.id[exists])]
+        both = np.concatenate([now, before])
+        return both[np.argsort(-both["covisible"], kind="stable")[:MAX_PARTNERS]]
+
+
+def _relate(pairs: Pairs, slot: int, others: Int[np.ndarray, "P"], partners: np.ndarray) -> None:
+    """Writes what is known of an object and others, from either side."""
+    for name, sign in (("covisible", 1), ("spread", 1), ("relation", -1), ("log_ratio", -1)):
+        leaf = getattr(pairs, name)
+        leaf[slot, others] = partners[name]
+        leaf[others, slot] = sign * partners[name]
+
+
+def _cleared(state: PlusState, empty: PlusState, slots: Int[np.ndarray, "R"]) -> PlusState:
+    """The memory with these slots as in an empty one."""
+
+    def clear(leaf: Any, blank: Any) -> np.ndarray:
+        leaf = np.array(leaf)
+        leaf[slots] = np.asarray(blank)[slots]
+        return leaf
+
+    def clear_pairs(leaf: Any, blank: Any) -> np.ndarray:
+        leaf, blank = clear(leaf, blank), np.asarray(blank)
+        leaf[:, slots] = blank[:, slots]
+        return leaf
+
+    return dataclasses.replace(
+        state,
+        objects=jax.tree.map(clear, state.objects, empty.objects),
+        pairs=jax.tree.map(clear_pairs, state.pairs, empty.pairs),
+    )

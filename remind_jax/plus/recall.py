@@ -1,0 +1,213 @@
+"""Which objects come back to the working set, and which make room for them (host).
+
+Rule: method_plus.md#recall.
+
+Before a frame is decided, the archive is asked for the looks of what no decided tracklet goes on
+with. The objects that look most alike come, and with them whom they stand beside, so that a place
+is recognized as a group.
+
+Letters: `N` detections, `O` object slots, `T` tracklets, `Q` looks that are asked for.
+"""
+
+from __future__ import annotations
+
+import collections
+import functools
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Int
+
+from remind_jax.numerics.absent import NO_ID, NO_SLOT
+from remind_jax.plus.archive import Archive
+from remind_jax.plus.look_index import Whitener
+from remind_jax.plus.state import PlusState, Scene, Tracklets, init
+from remind_jax.plus.thresholds import FRAME_AREA
+from remind_jax.static import Static
+
+NUM_ASKED = 4  # objects at rest that each look may bring
+# What comes looks more like the same than like another object: this share of the way between what
+# cosines of both are usually, and for whom it stands beside, this one.
+PLAUSIBLE, CLEAR = 0.3, 0.6
+USUAL = np.array([0.1, 0.7], np.float32)  # cosines of others and of the same, before any is known
+USUAL_WEIGHT = 20.0  # cosines that this counts for
+BEHIND = 0.25  # what looks by so much less alike than another candidate does not come
+FOLLOWED_OVERLAP, FOLLOWED_COSINE = 0.3, 0.5  # what plainly goes on with a tracklet
+ASKED_AGAIN = (2, 5)  # is asked for at these numbers of detections, while it is open
+NEAR = 1.5 * FRAME_AREA**0.5  # objects within are in the working set while their place is known
+KNOWN_PLACE = 1.0  # largest variance of a place that is known, in squares of frame units
+MOST_SHARE = 2  # at most one of so many slots is filled at once
+SPARE_SHARE = 8  # one of so many slots is made free beyond those that are needed
+
+
+class ObjectsAtRest:
+    """The archive of one memory, and when its objects came.
+
+    Attributes:
+      archive: Objects at rest.
+      max_objects: Objects that are remembered; None for all.
+    """
+
+    def __init__(self, max_objects: int | None = None) -> None:
+        """Nothing rests yet."""
+        self.archive = Archive()
+        self.max_objects = max_objects
+        self.forgotten: list[int] = []  # by the last change, as there were too many
+        self._came: dict[int, int] = {}  # frame in which an object was last brought
+        self._center = np.full(2, FRAME_AREA**0.5 / 2, np.float32)
+
+    def make_room(self, state: PlusState, static: Static, needed: int) -> PlusState | None:
+        """Rests what was longest out of view until so many slots suffice.
+
+        Args:
+          state: The memory, on the host.
+          static: Its capacities.
+          needed: Slots that the frame needs in all.
+
+        Returns:
+          The memory; None if all that could rest is not enough.
+        """
+        state = jax.device_get(state)
+        lacking = needed - static.num_objects
+        idle = self._idle(state, frozenset())
+        if lacking > len(idle):
+            return None
+        spare = static.num_objects // SPARE_SHARE
+        return self._rest(state, static, idle[: max(0, lacking) + spare])
+
+    def recall(self, state: PlusState, seen: Any, static: Static) -> PlusState | None:
+        """Brings what the detections of the next frame may be; None if nothing comes.
+
+        Args:
+          state: The memory before the frame, on the host.
+          seen: The frame as `describe` gives it.
+          static: Capacities.
+        """
+        if not len(self.archive):
+            return None
+        sightings = jax.device_get(seen.sightings)
+        asked = sightings.valid & ~_followed(state, sightings, np.asarray(seen.motion.matrix))
+        if not asked.any():
+            return None
+        self._center = np.asarray(sightings.frame_center)
+        wanted = self._wanted(state, sightings, np.flatnonzero(asked))
+        if not wanted:
+            return None
+        state = jax.device_get(state)
+        exists = int((state.objects.id != NO_ID).sum())
+        open_ones = int((state.tracklets.alive & (state.tracklets.slot == NO_SLOT)).sum())
+        free = static.num_objects - exists - open_ones - int(sightings.valid.sum())
+        idle = self._idle(state, frozenset())
+        most = min(free + len(idle), static.num_objects // MOST_SHARE)
+        wanted = wanted[: max(0, most)]
+        if not wanted:
+            return None
+        state = self._rest(state, static, idle[: max(0, len(wanted) - free)])
+        self._came |= dict.fromkeys(wanted, int(state.frame))
+        return self.archive.wake(state, wanted, self._center)
+
+    def ids(self) -> list[int]:
+        """Ids of all objects at rest."""
+        return self.archive.ids()
+
+    def forget(self, ids: Iterable[int]) -> None:
+        """Lets objects go with all that is kept of them."""
+        self.archive.forget(set(ids))
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """All of it as arrays by name, for a file."""
+        return self.archive.tensors()
+
+    def restore(self, tensors: Mapping[str, np.ndarray], state: PlusState) -> None:
+        """Goes on from what `tensors` gave, beside this memory.
+
+        Raises:
+          ValueError: If the arrays do not belong together.
+          KeyError: If one is missing.
+        """
+        self.archive = Archive.restored(tensors, state.scene)
+
+    def _wanted(self, state: PlusState, sightings: Any, rows: Int[np.ndarray, "Q"]) -> list[int]:
+        """Ids of objects at rest by falling promise: what looks alike first, then its partners."""
+        whitener = Whitener.of(state.scene)
+        votes: collections.Counter[int] = collections.Counter()
+        alike: dict[int, float] = {}
+        bank = np.asarray(state.objects.white_bank)
+        filled = np.asarray(state.objects.bank_count) > 0
+        plausible, clear = (
+            _usual_cosines(state.scene, PLAUSIBLE),
+            _usual_cosines(state.scene, CLEAR),
+        )
+        looks, class_id = sightings.look[rows], sightings.class_id[rows]
+        found, cosine = self.archive.looks.search(looks, class_id, whitener, NUM_ASKED)
+        present = whitener.whiten(looks) @ bank.reshape(-1, bank.shape[-1]).T
+        same = filled & (class_id[:, None, None] == np.asarray(state.objects.class_id)[:, None])
+        here = np.max(np.where(same.reshape(len(rows), -1), present, -1.0), axis=1)
+        best = np.maximum(here, cosine[:, 0])[:, None]
+        comes = (cosine > plausible) & (cosine > best - BEHIND)
+        for one, value in zip(found[comes].tolist(), cosine[comes].tolist(), strict=True):
+            alike[one] = max(alike.get(one, -1.0), value)
+        for one, value in alike.items():
+            if value > clear:
+                for partner in self.archive.partners(one):
+                    votes[int(partner["id"])] += value * float(partner["covisible"])
+        beside = [one for one, _ in votes.most_common() if one in self.archive and one not in alike]
+        return [*sorted(alike, key=lambda one: -alike[one]), *beside]
+
+    def _idle(self, state: PlusState, keep: frozenset[int]) -> list[int]:
+        """Slots of objects that no tracklet holds, those that were longest not needed first."""
+        objects, tracklets = state.objects, state.tracklets
+        held = np.zeros(len(objects.id), bool)
+        held[tracklets.slot[tracklets.alive & (tracklets.slot != NO_SLOT)]] = True
+        came = np.array([self._came.get(int(one), 0) for one in objects.id])
+        needed = np.maximum(objects.last, came)
+        away = np.linalg.norm(objects.position - self._center, axis=1)
+        near = (away < NEAR) & (np.diagonal(state.pairs.covariance) < KNOWN_PLACE)
+        needed = np.where(near, np.maximum(needed, int(state.frame) - 1), needed)
+        idle = np.flatnonzero((objects.id != NO_ID) & ~held)
+        order = np.lexsort((objects.id[idle], needed[idle]))
+        return idle[order].tolist()
+
+    def _rest(self, state: PlusState, static: Static, slots: list[int]) -> PlusState:
+        for slot in slots:
+            self._came.pop(int(state.objects.id[slot]), None)
+        if slots:
+            state = self.archive.rest(state, _empty(static), slots)
+        return state
+
+
+@functools.lru_cache(maxsize=4)
+def _empty(static: Static) -> PlusState:
+    return jax.device_get(init(static))
+
+
+def _usual_cosines(scene: Scene, share: float) -> float:
+    """What lies this share of the way from cosines of others to those of the same object."""
+    weight = scene.cosine_weight + USUAL_WEIGHT
+    other, same = (scene.cosine_sum + USUAL * USUAL_WEIGHT) / weight
+    return float(other + share * (same - other))
+
+
+def _followed(state: PlusState, sightings: Any, matrix: np.ndarray) -> Bool[np.ndarray, "N"]:
+    """Detections that plainly go on with a tracklet that need not be asked for."""
+    tracklets: Tracklets = state.tracklets
+    is_due = tracklets.is_open & np.isin(tracklets.age, ASKED_AGAIN)
+    rows = np.flatnonzero(tracklets.alive & ~is_due)
+    middle = (tracklets.box[rows, :2] + tracklets.box[rows, 2:]) / 2
+    shift = middle @ matrix[:, :2].T + matrix[:, 2] - middle
+    box = tracklets.box[rows] + np.tile(shift, 2)
+    low = np.maximum(sightings.box[:, None, :2], box[None, :, :2])
+    high = np.minimum(sightings.box[:, None, 2:], box[None, :, 2:])
+    inner = np.prod(np.maximum(high - low, 0.0), axis=2)
+    areas = [np.prod(one[:, 2:] - one[:, :2], axis=1) for one in (sightings.box, box)]
+    overlap = inner / np.maximum(areas[0][:, None] + areas[1][None] - inner, 1e-6)
+    alike = sightings.class_id[:, None] == tracklets.class_id[None, rows]
+    goes_on = sightings.valid[:, None] & alike & (overlap > FOLLOWED_OVERLAP)
+    if not goes_on.any():
+        return goes_on.any(axis=1)
+    whitener = Whitener.of(state.scene)
+    white = whitener.whiten(np.concatenate([sightings.look, np.asarray(tracklets.look)[rows]]))
+    num = len(sightings.look)
+    return (goes_on & (white[:num] @ white[num:].T > FOLLOWED_COSINE)).any(axis=1)
