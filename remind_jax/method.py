@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import numpy as np
@@ -43,6 +43,36 @@ class Needs:
     # instead of features of the frame; and whether it does so of itself where they cost little.
     reads_closeups: bool = False
     prefers_closeups: bool = False
+
+
+class AtRest(Protocol):
+    """Objects of a method that rest on the host, while its memory has slots for others."""
+
+    max_objects: int | None  # that are remembered in all; None: all
+
+    def make_room(self, state: Any, static: Static, needed: int) -> Any:
+        """The memory with so many slots free that they suffice; None if that cannot be."""
+        ...
+
+    def recall(self, state: Any, seen: Any, static: Static) -> Any:
+        """The memory with what the next frame may show; None if nothing comes."""
+        ...
+
+    def ids(self) -> list[int]:
+        """Ids of all objects at rest."""
+        ...
+
+    def forget(self, ids: Iterable[int]) -> None:
+        """Lets objects go with all that is kept of them."""
+        ...
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """All of it as arrays by name, for a file."""
+        ...
+
+    def restore(self, tensors: Mapping[str, np.ndarray], state: Any, num_classes: int) -> None:
+        """Goes on from what `tensors` gave, beside this memory; raises ValueError if it cannot."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,8 +109,8 @@ class Host:
     # Leaves that these files do not have; they are as in an empty memory.
     new_leaves: tuple[str, ...] = ()
     # `at_rest()` makes what keeps on the host, empty at first, objects that a step has no room for:
-    # `session.growing_memory.AtRest`. Left out, capacities for objects double.
-    at_rest: Callable[[], Any] | None = None
+    # Left out, capacities for objects double.
+    at_rest: Callable[[], AtRest] | None = None
     # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
     # capacities that take too much are refused. Left out, all are tried.
     count_bytes: Callable[[Static], int] | None = None

@@ -176,12 +176,15 @@ class Archive:
         return found
 
     @classmethod
-    def restored(cls, tensors: Mapping[str, np.ndarray], scene: Scene) -> Archive:
+    def restored(
+        cls, tensors: Mapping[str, np.ndarray], state: PlusState, num_classes: int
+    ) -> Archive:
         """What `tensors` gave.
 
         Args:
           tensors: By name.
-          scene: What was learned about all objects, of the memory beside it.
+          state: The memory beside it.
+          num_classes: Classes that there are.
 
         Raises:
           ValueError: If they do not belong together.
@@ -190,21 +193,19 @@ class Archive:
         archive = cls()
         if not tensors:
             return archive
-        looks = np.split(tensors["bank"], np.cumsum(tensors["num_looks"])[:-1])
-        counts = np.split(tensors["bank_count"], np.cumsum(tensors["num_looks"])[:-1])
-        resting = []
-        for row, (bank, count) in enumerate(zip(looks, counts, strict=True)):
-            values = {name: np.array(tensors[name][row]) for name in _COPIED}
-            resting.append(Resting(values, np.array(bank), np.array(count)))
-        archive._put(resting, scene)
+        _check(tensors, state, num_classes)
+        starts = np.cumsum(tensors["num_looks"])[:-1]
+        looks, counts = (np.split(tensors[name], starts) for name in ("bank", "bank_count"))
+        resting = [
+            Resting({name: np.array(tensors[name][row]) for name in _COPIED}, *both)
+            for row, both in enumerate(zip(looks, counts, strict=True))
+        ]
+        archive._put(resting, state.scene)
         partners = np.zeros(len(tensors["partners.id"]), _PARTNER)
         for name in _PARTNER.names or ():
             partners[name] = tensors[f"partners.{name}"]
-        ends = np.cumsum(tensors["num_partners"])
-        for object_id, end, count in zip(
-            tensors["partners_of"].tolist(), ends, tensors["num_partners"], strict=True
-        ):
-            archive._partners[object_id] = partners[end - count : end].copy()
+        of_each = np.split(partners, np.cumsum(tensors["num_partners"])[:-1])
+        archive._partners = dict(zip(tensors["partners_of"].tolist(), of_each, strict=True))
         return archive
 
     def _put(self, resting: Sequence[Resting], scene: Scene) -> None:
@@ -227,6 +228,42 @@ class Archive:
         before = before[~np.isin(before["id"], objects.id[exists])]
         both = np.concatenate([now, before])
         return both[np.argsort(-both["covisible"], kind="stable")[:MAX_PARTNERS]]
+
+
+def _check(tensors: Mapping[str, np.ndarray], state: PlusState, num_classes: int) -> None:
+    """Makes sure that arrays of a file describe objects at rest beside this memory."""
+    blank = state.objects
+    num = len(tensors["id"])
+    for name in (*_COPIED, "bank", "bank_count"):
+        leaf, own = getattr(blank, name), tensors[name]
+        _require(own.dtype == leaf.dtype, f"'{name}' is of type {own.dtype}")
+        expected = (num, *np.shape(leaf)[1:])
+        _require(name not in _COPIED or own.shape == expected, f"'{name}' is of shape {own.shape}")
+    num_looks, slots = tensors["num_looks"], np.shape(blank.bank)[1]
+    _require(num_looks.shape == (num,), "'num_looks' is of another shape")
+    _require(bool(np.all((num_looks >= 0) & (num_looks <= slots))), "too many looks of an object")
+    looks = int(num_looks.sum())
+    _require(tensors["bank"].shape == (looks, np.shape(blank.bank)[2]), "looks are missing")
+    _require(tensors["bank_count"].shape == (looks,), "counts of looks are missing")
+    _require(bool(np.all(tensors["bank_count"] > 0)), "a look was never seen")
+    ids, present = tensors["id"], np.asarray(blank.id)
+    _require(len(np.unique(ids)) == num, "an id is there twice")
+    _require(not np.isin(ids, present).any(), "one is in the working set as well")
+    _require(bool(np.all((ids >= 0) & (ids < int(state.next_id)))), "an id was never given")
+    class_id = tensors["class_id"]
+    _require(bool(np.all((class_id >= 0) & (class_id < num_classes))), "a class has no name")
+    partners = tensors["num_partners"]
+    _require(partners.shape == tensors["partners_of"].shape, "partners are missing")
+    total = int(partners.sum())
+    _require(bool(np.all((partners >= 0) & (partners <= MAX_PARTNERS))), "too many partners")
+    for name in _PARTNER.names or ():
+        expected = (total, *_PARTNER[name].shape)
+        _require(tensors[f"partners.{name}"].shape == expected, "partners are missing")
+
+
+def _require(holds: bool, fault: str) -> None:
+    if not holds:
+        raise ValueError(fault)
 
 
 def _relate(pairs: Pairs, slot: int, others: Int[np.ndarray, "P"], partners: np.ndarray) -> None:

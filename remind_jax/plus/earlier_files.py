@@ -31,4 +31,4 @@ COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
     )
 }
 
-NEW_LEAVES = ("objects.visits", "scene.newness", "scene.newness_known")
+NEW_LEAVES = ("objects.visits", "scene.links", "scene.newness", "scene.newness_known")

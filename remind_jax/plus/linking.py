@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
+from remind_jax.plus.evidence import calibrate
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
 from remind_jax.plus.plane import (
@@ -29,6 +30,8 @@ from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.plus.static import MISSED_FRAMES
 from remind_jax.plus.whitening import whiten
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
+
+TAILS = 3.0  # degrees of freedom of what looks of one object differ by
 
 
 @jax.tree_util.register_dataclass
@@ -53,6 +56,54 @@ def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
         box=jnp.concatenate([middle - half, middle + half], axis=1),
         center=turned(tracklets.center, turn) + shift,
     )
+
+
+def link_odds(
+    cosine: Float[Array, "N T"], scene: Scene, t: th.PlusThresholds
+) -> Float[Array, "N T"]:
+    """Log odds, 0 at most, that looks of one object differ so much from frame to frame.
+
+    Rule: method_plus.md#linking. By what was learned of links, with far tails: a look may change
+    suddenly.
+    """
+    other, _, variance = calibrate(scene, t.calibration)
+    weight, once, squares = scene.links + t.linking.samples * jnp.array(
+        [1.0, t.calibration.same_mean, t.calibration.variance + t.calibration.same_mean**2]
+    )
+    mean = once / weight
+    own = jnp.maximum(squares / weight - mean**2, t.calibration.least_variance)
+    below = jnp.minimum(cosine - mean, 0.0) ** 2 / own
+    same = -0.5 * (TAILS + 1.0) * jnp.log1p(below / TAILS) - 0.5 * jnp.log(own)
+    different = -0.5 * (cosine - other) ** 2 / variance - 0.5 * jnp.log(variance)
+    return jnp.minimum(same - different, 0.0)
+
+
+def learn_links(
+    scene: Scene,
+    tracklets: Tracklets,
+    cosine: Float[Array, "N T"],
+    origin: Int[Array, "N"],
+    share: Float[Array, "N"],
+    frame: Int[Array, ""],
+    t: th.PlusThresholds,
+) -> Scene:
+    """Learns how alike the looks of an object are from one frame to the next.
+
+    Args:
+      scene: Statistics so far.
+      tracklets: Tracklets before the frame.
+      cosine: Of whitened looks.
+      origin: The tracklet that each detection goes on with.
+      share: How much each detection teaches.
+      frame: Number of this frame.
+      t: How much is remembered.
+    """
+    before = jnp.maximum(origin, 0)
+    goes_on = (origin != NO_SLOT) & (tracklets.last[before] == frame - 1)
+    value = jnp.take_along_axis(cosine, before[:, None], axis=1)[:, 0]
+    weight = jnp.where(goes_on, share, 0.0)
+    new = jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=1)
+    return dataclasses.replace(scene, links=scene.links * t.calibration.decay ** new[0] + new)
 
 
 def score_links(

@@ -120,14 +120,16 @@ class ObjectsAtRest:
         """All of it as arrays by name, for a file."""
         return self.archive.tensors()
 
-    def restore(self, tensors: Mapping[str, np.ndarray], state: PlusState) -> None:
+    def restore(
+        self, tensors: Mapping[str, np.ndarray], state: PlusState, num_classes: int
+    ) -> None:
         """Goes on from what `tensors` gave, beside this memory.
 
         Raises:
           ValueError: If the arrays do not belong together.
           KeyError: If one is missing.
         """
-        self.archive = Archive.restored(tensors, state.scene)
+        self.archive = Archive.restored(tensors, state, num_classes)
 
     def _wanted(self, state: PlusState, sightings: Any, rows: Int[np.ndarray, "Q"]) -> list[int]:
         """Ids of objects at rest by falling promise: what looks alike first, then its partners."""
@@ -192,7 +194,7 @@ def _usual_cosines(scene: Scene, share: float) -> float:
 
 def _followed(state: PlusState, sightings: Any, matrix: np.ndarray) -> Bool[np.ndarray, "N"]:
     """Detections that plainly go on with a tracklet that need not be asked for."""
-    tracklets: Tracklets = state.tracklets
+    tracklets: Tracklets = jax.device_get(state.tracklets)
     is_due = tracklets.is_open & np.isin(tracklets.age, ASKED_AGAIN)
     rows = np.flatnonzero(tracklets.alive & ~is_due)
     middle = (tracklets.box[rows, :2] + tracklets.box[rows, 2:]) / 2
@@ -208,6 +210,6 @@ def _followed(state: PlusState, sightings: Any, matrix: np.ndarray) -> Bool[np.n
     if not goes_on.any():
         return goes_on.any(axis=1)
     whitener = Whitener.of(state.scene)
-    white = whitener.whiten(np.concatenate([sightings.look, np.asarray(tracklets.look)[rows]]))
+    white = whitener.whiten(np.concatenate([sightings.look, tracklets.look[rows]]))
     num = len(sightings.look)
     return (goes_on & (white[:num] @ white[num:].T > FOLLOWED_COSINE)).any(axis=1)

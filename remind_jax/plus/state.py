@@ -134,6 +134,8 @@ class Scene:
     cosine_sum: Float[Array, "2"]
     cosine_squares: Float[Array, "2"]
     faded: Float[Array, "2"]
+    # Cosines of looks of one object in two frames: their weight, sum, and sum of squares.
+    links: Float[Array, "3"]
     speed: Float[Array, ""]  # mean own movement per frame of the objects in view lately
     # How often the last decisions were "new", [0, 1], and how much of that was seen, [0, 1]: of all
     # objects, and class by class.
@@ -270,6 +272,7 @@ def _unknown_scene(static: Static) -> Scene:
         cosine_sum=_real(2),
         cosine_squares=_real(2),
         faded=_real(2, value=1.0),
+        links=_real(3),
         speed=_real(),
         newness=_real(1 + CLASS_ROWS, value=0.5),
         newness_known=_real(1 + CLASS_ROWS),

@@ -39,6 +39,8 @@ class Linking:
     missed: Real = setting(1.5, "loss of what moves, per doubling of the frames since it was seen",
         "log odds")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
+    samples: Real = setting(10.0, "weight of what is assumed of looks of one object in two frames",
+        "samples")
     least: Real = setting(-2.0, "links score more than this", "log odds")
     smoothing: Whole = setting(4, "the look of a tracklet averages about this many frames",
         "frames")

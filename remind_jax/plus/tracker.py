@@ -24,7 +24,6 @@ from remind_jax.plus.evidence import (
     best_cosine,
     find_ended,
     find_rows,
-    look_odds_of,
     shortlist,
 )
 from remind_jax.plus.layout import Weighed, nothing_weighed, weigh_jointly
@@ -40,7 +39,9 @@ from remind_jax.plus.learning import (
 from remind_jax.plus.linking import (
     advance_tracklets,
     compare_looks,
+    learn_links,
     link,
+    link_odds,
 )
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings
@@ -123,10 +124,7 @@ def _advance(
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
     # Where the image goes on, so do most of its objects; over a cut only looks can tell.
-    # How much looks change is learned from links.
-    learned = state.scene.within_weight
-    learned = learned / (learned + t.looks.prior_samples)
-    unlike = learned * look_odds_of(likeness, state.scene, t)
+    unlike = link_odds(likeness, state.scene, t)
     limited = jnp.maximum(unlike, -t.linking.unlike)
     look_odds = limited + doubt_of(motion, t.motion) * (unlike - limited)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, frame, t)
@@ -151,6 +149,7 @@ def _advance(
     # Which differences of looks matter in this scene?
     share = share_of(here, objects, t.looks)
     scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, share, frame, t.looks)
+    scene = learn_links(scene, state.tracklets, likeness, origin, share, frame, t)
     scene, objects = renew_whitening(scene, objects, frame, t.looks)
     # What could every open tracklet be?
     rows = find_rows(here, sightings.valid, t.decision)

@@ -8,19 +8,17 @@ import dataclasses
 import gc
 import logging
 import os
-from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import jax
-import numpy as np
 
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
 from remind_jax.compiled.packing import Bundle, Packed
 from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.masks.reduction import pad_feats, pad_masks
-from remind_jax.method import Method
+from remind_jax.method import AtRest, Method
 from remind_jax.observation import AnyFeats
 from remind_jax.printing.words import listing
 from remind_jax.session.ahead import Ahead
@@ -52,36 +50,6 @@ GIB = 2**30
 MAX_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
 MAX_UNCOUNTED = 2048  # detections in a frame, of methods that do not count their bytes
 _GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of a container, where there is one
-
-
-class AtRest(Protocol):
-    """Objects of a method that rest on the host, while its memory has slots for others."""
-
-    max_objects: int | None  # that are remembered in all; None: all
-
-    def make_room(self, state: Any, static: Static, needed: int) -> Any:
-        """The memory with so many slots free that they suffice; None if that cannot be."""
-        ...
-
-    def recall(self, state: Any, seen: Any, static: Static) -> Any:
-        """The memory with what the next frame may show; None if nothing comes."""
-        ...
-
-    def ids(self) -> list[int]:
-        """Ids of all objects at rest."""
-        ...
-
-    def forget(self, ids: Iterable[int]) -> None:
-        """Lets objects go with all that is kept of them."""
-        ...
-
-    def tensors(self) -> dict[str, np.ndarray]:
-        """All of it as arrays by name, for a file."""
-        ...
-
-    def restore(self, tensors: Mapping[str, np.ndarray], state: Any) -> None:
-        """Goes on from what `tensors` gave, beside this memory."""
-        ...
 
 
 class GrowingMemory:

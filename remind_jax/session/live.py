@@ -435,6 +435,8 @@ class Tracker(Printable):
         self._features_given = memory.backbone == FEATURES_GIVEN
         self._memory.static = static_of(memory, self.config, path)
         self._memory.state = memory.state
+        if memory.at_rest is not None:
+            self._memory.at_rest = memory.at_rest
         self._preparer.class_ids = {name: number for number, name in enumerate(memory.class_names)}
         self.identities.restore(memory)
 
@@ -482,4 +484,5 @@ class Tracker(Printable):
             tracker=self.method.name,
             announced=None if announced.is_identity else announced,
             records=self.identities.records,
+            at_rest=self._memory.at_rest,
         )

@@ -25,7 +25,7 @@ from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError
 from remind_jax.files.limits import MAX_LABEL
 from remind_jax.files.records import check, decode_json
 from remind_jax.files.tensors import TensorEntry, read_safetensors_header
-from remind_jax.method import PAPER_METHOD, Method, get_method, named_leaves
+from remind_jax.method import PAPER_METHOD, AtRest, Method, get_method, named_leaves
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
@@ -44,6 +44,7 @@ _FORMAT = "remind-jax memory"
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
 _BOUND = ("first_object_id", "precision")  # a memory has them from its start
 _PICTURES = "pictures"  # of all objects, one after another
+_AT_REST = "at_rest."  # before the names of what objects at rest are made of
 _RESTORE = "restore the file, or start without it"
 # As safetensors call the types of arrays.
 _TYPES = {
@@ -74,10 +75,12 @@ class SavedMemory:
     tracker: str = PAPER_METHOD  # name of the method
     announced: Announcements | None = None  # None: all objects, under their own ids
     records: ObjectRecords = dataclasses.field(default_factory=ObjectRecords)
+    at_rest: AtRest | None = None  # objects that the state has no slots for
 
     def known_ids(self) -> set[int]:
         """The ids of its objects and of those that are coming to be."""
-        return get_method(self.tracker).known_ids(self.state)
+        resting = () if self.at_rest is None else self.at_rest.ids()
+        return {*get_method(self.tracker).known_ids(self.state), *resting}
 
     def object_ids(self) -> set[int]:
         """The ids of its objects, as announced."""
@@ -95,6 +98,8 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
     """
     path = Path(path)
     leaves = {name: np.asarray(leaf) for name, leaf in named_leaves(memory.state)}
+    if memory.at_rest is not None:
+        leaves |= {f"{_AT_REST}{name}": leaf for name, leaf in memory.at_rest.tensors().items()}
     records, leaves[_PICTURES] = memory.records.to_file(memory.object_ids())
     header = {
         "format": _FORMAT,
@@ -166,9 +171,34 @@ def load_memory(path: str | Path) -> SavedMemory:
         records = ObjectRecords.from_file(filed, tensors[_PICTURES])
     except SourceError as error:
         raise OutputError(f"'{path}' is damaged: {error}; {_RESTORE}") from error
+    at_rest = _read_at_rest(tensors, state, method, len(names), path)
     state = jax.tree.map(jax.numpy.asarray, state)
     backbone = metadata["backbone"]
-    return SavedMemory(state, static, names, backbone, method.name, announced, records)
+    return SavedMemory(state, static, names, backbone, method.name, announced, records, at_rest)
+
+
+def _read_at_rest(
+    tensors: Mapping[str, np.ndarray], state: Any, method: Method, num_classes: int, path: Path
+) -> AtRest | None:
+    """Objects at rest beside a memory; None where the method has no place for them."""
+    if method.host.at_rest is None:
+        return None
+    at_rest = method.host.at_rest()
+    found = {
+        name.removeprefix(_AT_REST): tensor
+        for name, tensor in tensors.items()
+        if name.startswith(_AT_REST)
+    }
+    try:
+        for name, tensor in found.items():
+            for fault in not_finite(f"{_AT_REST}{name}", tensor):
+                raise ValueError(fault)
+        at_rest.restore(found, state, num_classes)
+    except (KeyError, ValueError, IndexError, TypeError) as error:
+        raise OutputError(
+            f"'{path}' is damaged: its objects at rest: {first_line(error)}; {_RESTORE}"
+        ) from error
+    return at_rest
 
 
 def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
@@ -263,7 +293,7 @@ def _check_tensors(tensors: Mapping[str, TensorEntry], expected: Any, path: Path
             f"{MAX_FILE_BYTES} are kept"
         )
     for name in tensors:
-        if name not in leaves and name != _PICTURES:
+        if name not in leaves and name != _PICTURES and not name.startswith(_AT_REST):
             raise OutputError(
                 f"'{path}' is damaged, or of another version: it holds '{name[:100]}', which no "
                 "memory of this tracker has"
@@ -343,6 +373,8 @@ def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
     members = records.members(records.check_known(object_id))
     ids = [one for member in members for one in announced.memory_ids(member)]
     forgotten = get_method(memory.tracker).forget(memory.state, ids, memory.static)
+    if memory.at_rest is not None:
+        memory.at_rest.forget(ids)
     records.drop(object_id)
     return dataclasses.replace(memory, state=jax.tree.map(jax.numpy.asarray, forgotten))
 

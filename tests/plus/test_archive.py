@@ -1,0 +1,176 @@
+"""Objects at rest: copied both ways without loss, and found again by their looks."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+import remind_jax as rj
+from benchmarks.building import PER_PLACE, STAY, Building
+from remind_jax.errors import OutputError
+from remind_jax.plus.archive import MAX_PARTNERS, Archive
+from remind_jax.plus.look_index import LookIndex, Owner, Whitener
+from remind_jax.plus.state import UNRELATED, init
+from remind_jax.static import Static
+
+STATIC = Static(num_detections=4, num_objects=32, feature_dim=6)
+EMPTY = jax.device_get(init(STATIC))
+CENTER = np.array([2.0, 1.5], np.float32)
+
+
+def remembered(num=30, seed=0):
+    """A memory of host arrays in which every object is another one and all are related."""
+    rng = np.random.default_rng(seed)
+    state = jax.tree.map(np.array, EMPTY)
+    objects, pairs = state.objects, state.pairs
+    objects.id[:num], objects.class_id[:num] = 3 * np.arange(num), np.arange(num) % 3
+    for name in ("seen", "last", "visits", "ring_count"):
+        getattr(objects, name)[:num] = rng.integers(1, 90, num)
+    for name in ("size", "speed", "ring", "position"):
+        leaf = getattr(objects, name)
+        leaf[:num] = rng.random(leaf[:num].shape)
+    count = rng.integers(1, 9, num)
+    objects.bank_count[:num] = np.arange(8) < count[:, None]
+    objects.bank[:num] = rng.normal(size=objects.bank[:num].shape) * (
+        objects.bank_count[:num, :, None] > 0
+    )
+    together = rng.integers(1, 50, (num, num)).astype(np.float32)
+    pairs.covisible[:num, :num] = np.triu(together, 1) + np.triu(together, 1).T
+    pairs.covisible[range(num), range(num)] = objects.seen[:num]
+    offset, ratio = rng.normal(size=(num, num, 2)), rng.normal(size=(num, num))
+    pairs.relation[:num, :num] = offset - offset.swapaxes(0, 1)
+    pairs.log_ratio[:num, :num] = ratio - ratio.T
+    spread = rng.random((num, num))
+    pairs.spread[:num, :num] = spread + spread.T
+    pairs.spread[range(num), range(num)] = UNRELATED
+    scene = dataclasses.replace(
+        state.scene, within_weight=np.float32(50), white_mean=rng.normal(size=6).astype("f4")
+    )
+    next_id = np.int32(3 * num)
+    return dataclasses.replace(state, objects=objects, pairs=pairs, scene=scene, next_id=next_id)
+
+
+def by_id(state):
+    """What is known of each object but its place, and of each pair, whatever slots they lie in."""
+    objects, pairs = state.objects, state.pairs
+    rows = np.flatnonzero(objects.id >= 0)
+    rows = rows[np.argsort(objects.id[rows])]
+    own = {
+        field.name: getattr(objects, field.name)[rows]
+        for field in dataclasses.fields(objects)
+        if field.name not in ("position", "white_bank")
+    }
+    of_pairs = {
+        field.name: getattr(pairs, field.name)[np.ix_(rows, rows)]
+        for field in dataclasses.fields(pairs)
+        if field.name != "covariance"
+    }
+    return own | of_pairs
+
+
+def test_rest_and_return_lose_nothing_but_the_place():
+    num = MAX_PARTNERS + 1  # all others are partners of each
+    state = remembered(num)
+    archive = Archive()
+    rested = archive.rest(state, EMPTY, range(3, 20))
+    assert (rested.objects.id >= 0).sum() == num - 17
+    assert sorted(archive.ids()) == state.objects.id[3:20].tolist()
+    np.testing.assert_array_equal(rested.pairs.covisible[3:20], 0)
+    for order in (sorted(archive.ids()), sorted(archive.ids(), reverse=True)):
+        woken = archive.wake(rested, order, CENTER)
+        assert not len(archive)
+        for name, leaf in by_id(woken).items():
+            np.testing.assert_array_equal(leaf, by_id(state)[name], name)
+        slots = [woken.objects.id.tolist().index(one) for one in order]
+        rested = archive.rest(woken, EMPTY, slots)
+
+
+def test_relations_outlast_a_rest_of_either_object():
+    state = remembered(6)
+    archive = Archive()
+    state_without = archive.rest(archive.rest(state, EMPTY, [0]), EMPTY, [1])
+    first = archive.wake(state_without, [3], CENTER)
+    both = archive.wake(first, [0], CENTER)
+    for name, leaf in by_id(both).items():
+        np.testing.assert_array_equal(leaf, by_id(state)[name], name)
+
+
+def test_search_is_exact_however_looks_came_and_went():
+    rng = np.random.default_rng(1)
+    whitener = Whitener(np.eye(4, 6, dtype=np.float32), np.zeros(6, np.float32), 10.0)
+    index, looks, classes = LookIndex(), {}, {}
+    for owner in range(400):
+        looks[owner] = rng.normal(size=(rng.integers(1, 9), 6)).astype(np.float32)
+        classes[owner] = int(rng.integers(0, 3))
+        index.add([Owner(owner, classes[owner], looks[owner])], whitener)
+        if owner % 3 == 2:
+            gone = owner - int(rng.integers(0, 2))
+            index.remove(gone)
+            del looks[gone], classes[gone]
+    changed = Whitener(rng.normal(size=(4, 6)).astype("f4"), rng.normal(size=6).astype("f4"), 99.0)
+    asked = rng.normal(size=(5, 6)).astype(np.float32)
+    for _ in range(40):  # one large block is whitened anew at a time
+        found, cosine = index.search(asked, np.array([0, 1, 2, 0, 7]), changed, 3)
+    for row, one_class in enumerate([0, 1, 2, 0]):
+        white = changed.whiten(asked[row])
+        best = {
+            owner: float(np.max(changed.whiten(looks[owner]) @ white))
+            for owner in looks
+            if classes[owner] == one_class
+        }
+        expected = sorted(best, key=best.__getitem__, reverse=True)[:3]
+        assert found[row].tolist() == expected
+        # Sums of another order.
+        np.testing.assert_allclose(cosine[row], [best[one] for one in expected], atol=1e-5)
+    assert found[4].tolist() == [-1] * 3
+
+
+@pytest.fixture(scope="module")
+def building():
+    return Building(18 * PER_PLACE, noise=0.05, one_class=False, seed=3)
+
+
+def walk(tracker, building, places, start=0):
+    """Visits places one after the other; the answers at the end of each visit, by true object."""
+    told = []
+    frames = [place for place in places for _ in range(STAY)]
+    for number, place in enumerate(frames):
+        frame = building.frame(start + number, place)
+        tracks = tracker.update(frame)
+        if number % STAY == STAY - 1:
+            truth = frame.detections.instance_ids.tolist()
+            told.append(dict(zip(truth, tracks.object_id.tolist(), strict=True)))
+    return told
+
+
+def test_what_rested_is_known_again_and_no_program_grows(building, tmp_path):
+    tracker = rj.Tracker(config={"static": {"num_detections": 16}})
+    first = walk(tracker, building, range(18))
+    assert tracker.static.num_objects == 64
+    assert tracker.num_objects == 18 * PER_PLACE == len(tracker.objects())
+    tracker.save(tmp_path / "memory.safetensors")
+    again = walk(tracker, building, (2, 11, 5), start=180)
+    assert again == [first[2], first[11], first[5]]
+    other = rj.Tracker(config={"static": {"num_detections": 16}})
+    other.load(tmp_path / "memory.safetensors")
+    assert {one.object_id for one in other.objects()} == {one.object_id for one in tracker.objects()}
+    assert walk(other, building, (0, 17), start=180) == [first[0], first[17]]
+    gone = first[3][3 * PER_PLACE]
+    other.forget(gone)
+    assert gone not in {one.object_id for one in other.objects()}
+    (now,) = walk(other, building, (3,), start=200)
+    assert now[3 * PER_PLACE] not in {one for visit in first for one in visit.values()}
+
+
+def test_a_file_whose_objects_at_rest_do_not_belong_together_is_refused(tmp_path):
+    archive = Archive()
+    state = archive.rest(remembered(9), EMPTY, range(5))
+    tensors = archive.tensors()
+    for name, tensor in tensors.items():
+        with pytest.raises((ValueError, KeyError)):
+            Archive.restored({**tensors, name: tensor[1:]}, state, 3)
+        with pytest.raises(KeyError):
+            Archive.restored({key: one for key, one in tensors.items() if key != name}, state, 3)
+    assert len(Archive.restored(tensors, state, 3)) == 5
+    assert issubclass(OutputError, rj.RemindError)
