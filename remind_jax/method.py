@@ -48,8 +48,6 @@ class Needs:
 class AtRest(Protocol):
     """Objects of a method that rest on the host, while its memory has slots for others."""
 
-    max_objects: int | None  # that are remembered in all; None: all
-
     def make_room(self, state: Any, static: Static, needed: int) -> Any:
         """The memory with so many slots free that they suffice; None if that cannot be."""
         ...
@@ -64,6 +62,10 @@ class AtRest(Protocol):
 
     def forget(self, ids: Iterable[int]) -> None:
         """Lets objects go with all that is kept of them."""
+        ...
+
+    def forget_least_known(self, num: int) -> list[int]:
+        """Lets so many objects at rest go; gives their ids."""
         ...
 
     def tensors(self) -> dict[str, np.ndarray]:

@@ -67,6 +67,8 @@ class Input:
     announce_after: int = setting(0,
         "detections after which an object gets its id. 0: 1 for given masks, 5 for a detector",
         "detections", more="fewer objects that never were, each known later", least=0)
+    max_objects: int = setting(0, "objects that are remembered; beyond, those that were seen least "
+        "and longest ago are forgotten. 0: all", "objects", more="more memory", least=0)
     keep_pictures: bool = setting(True,
         "keep up to three small pictures of each object in memory and its file")
 

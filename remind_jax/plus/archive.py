@@ -151,7 +151,7 @@ class Archive:
         for object_id in set(ids) & set(self._partners):
             del self._partners[object_id]
 
-    def longest_unseen(self, num: int) -> list[int]:
+    def least_known(self, num: int) -> list[int]:
         """Ids of so many objects at rest that were seen in fewest frames, of these the earliest."""
 
         def worth(object_id: int) -> tuple[int, int]:

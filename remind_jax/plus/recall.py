@@ -47,14 +47,11 @@ class ObjectsAtRest:
 
     Attributes:
       archive: Objects at rest.
-      max_objects: Objects that are remembered; None for all.
     """
 
-    def __init__(self, max_objects: int | None = None) -> None:
+    def __init__(self) -> None:
         """Nothing rests yet."""
         self.archive = Archive()
-        self.max_objects = max_objects
-        self.forgotten: list[int] = []  # by the last change, as there were too many
         self._came: dict[int, int] = {}  # frame in which an object was last brought
         self._center = np.full(2, FRAME_AREA**0.5 / 2, np.float32)
 
@@ -115,6 +112,12 @@ class ObjectsAtRest:
     def forget(self, ids: Iterable[int]) -> None:
         """Lets objects go with all that is kept of them."""
         self.archive.forget(set(ids))
+
+    def forget_least_known(self, num: int) -> list[int]:
+        """Lets so many objects at rest go, those seen in fewest frames first; gives their ids."""
+        gone = self.archive.least_known(num)
+        self.archive.forget(gone)
+        return gone
 
     def tensors(self) -> dict[str, np.ndarray]:
         """All of it as arrays by name, for a file."""

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
 from remind_jax.compiled.packing import Bundle, Packed
@@ -19,6 +20,7 @@ from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import AtRest, Method
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.observation import AnyFeats
 from remind_jax.printing.words import listing
 from remind_jax.session.ahead import Ahead
@@ -164,6 +166,14 @@ class GrowingMemory:
         self.trace = jax.device_get(trace)
         self._look_ahead(frame_feats, prepared, thresholds, readout.occupied)
         return readout.decisions, outlines
+
+    def forget_beyond(self, num: int) -> list[int]:
+        """Lets objects at rest go until no more than `num` are known in all; gives their ids."""
+        if self.at_rest is None or not self.at_rest.ids():
+            return []
+        present = int(np.sum(np.asarray(self.state.objects.id) != NO_ID))
+        excess = present + len(self.at_rest.ids()) - num
+        return self.at_rest.forget_least_known(excess) if excess > 0 else []
 
     def reserve(self, num_detections: int) -> None:
         """Makes room for so many detections in a frame."""

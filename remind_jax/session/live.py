@@ -124,6 +124,11 @@ class Tracker(Printable):
             )
         self._features = FrameFeatures(self.method, self.backbone)
         self._features.check(static)
+        if self.config.input.max_objects and self.method.host.at_rest is None:
+            raise ConfigError(
+                f"input.max_objects is {self.config.input.max_objects}, but tracker "
+                f"'{self.method.name}' forgets no objects; leave it at 0"
+            )
         self._preparer = self._new_preparer()
         self._memory = GrowingMemory(self.method, static, traced=trace)
         self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
@@ -357,7 +362,7 @@ class Tracker(Printable):
         known_ids = self._memory.known_ids
         tracks, found = self.identities.add(decided, merges, pictured, known_ids)
         omitted = note_omissions(prepared, decisions, self.config.input.ignored_classes)
-        self.events = [*omitted, *found]
+        self.events = [*omitted, *found, *self._forget_beyond(prepared.frame.index)]
         done = time.perf_counter()
         self.compile_s += waited_s() - waited_before
         self.stage_ms = {
@@ -366,6 +371,15 @@ class Tracker(Printable):
             "step": 1000 * (done - described),
         }
         return tracks
+
+    def _forget_beyond(self, frame_index: int) -> list[Event]:
+        """Lets objects go where more are known than are to be remembered."""
+        most = self.config.input.max_objects
+        gone = self._memory.forget_beyond(most) if most else []
+        if not gone:
+            return []
+        what = f"{plural(len(gone), 'object')} forgotten, as more than {most} were known"
+        return [Event(frame_index, "forgotten", what)]
 
     def pass_over(self, frame: Frame) -> None:
         """Takes the place of `prepare` for a frame that the memory has seen already.

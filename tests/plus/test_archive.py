@@ -8,7 +8,7 @@ import pytest
 
 import remind_jax as rj
 from benchmarks.building import PER_PLACE, STAY, Building
-from remind_jax.errors import OutputError
+from remind_jax.errors import ConfigError, OutputError
 from remind_jax.plus.archive import MAX_PARTNERS, Archive
 from remind_jax.plus.look_index import LookIndex, Owner, Whitener
 from remind_jax.plus.state import UNRELATED, init
@@ -154,7 +154,9 @@ def test_what_rested_is_known_again_and_no_program_grows(building, tmp_path):
     assert again == [first[2], first[11], first[5]]
     other = rj.Tracker(config={"static": {"num_detections": 16}})
     other.load(tmp_path / "memory.safetensors")
-    assert {one.object_id for one in other.objects()} == {one.object_id for one in tracker.objects()}
+    assert {one.object_id for one in other.objects()} == {
+        one.object_id for one in tracker.objects()
+    }
     assert walk(other, building, (0, 17), start=180) == [first[0], first[17]]
     gone = first[3][3 * PER_PLACE]
     other.forget(gone)
@@ -174,3 +176,20 @@ def test_a_file_whose_objects_at_rest_do_not_belong_together_is_refused(tmp_path
             Archive.restored({key: one for key, one in tensors.items() if key != name}, state, 3)
     assert len(Archive.restored(tensors, state, 3)) == 5
     assert issubclass(OutputError, rj.RemindError)
+
+
+def test_what_is_seen_least_is_forgotten_beyond_a_bound(building):
+    bound = {"static": {"num_detections": 16}, "input": {"max_objects": 100}}
+    tracker = rj.Tracker(config=bound)
+    told, events = walk(tracker, building, range(10)), []
+    assert tracker.num_objects <= 100
+    frame = building.frame(100, 10)
+    while not events:
+        tracker.update(frame)
+        events = tracker.events
+        frame = dataclasses.replace(frame, index=frame.index + 1)
+    assert {one.kind for one in events} == {"forgotten"}
+    assert "more than 100 were known" in events[0].message
+    assert walk(tracker, building, (9,), start=150) == [told[9]]
+    with pytest.raises(ConfigError, match="forgets no objects"):
+        rj.Tracker(config={"input": {"max_objects": 3}}, tracker="bank")

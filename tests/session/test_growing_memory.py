@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.frame import Detections, Frame
-from remind_jax.method import Method
+from remind_jax.frame import Frame
 from remind_jax.session import growing_memory
 from remind_jax.session.live import Tracker
-from remind_jax.static import Static
 from tests.cli import scenes
 from tests.session.test_live import CONFIG, frames
 
@@ -37,13 +33,12 @@ def things(index: int) -> tuple[np.ndarray, Detections]:
     return image, Detections.create([labels == n for n in numbers], [f"{n}" for n in numbers])
 
 
-@pytest.mark.parametrize("name", ["bank", pytest.param("plus", marks=pytest.mark.slow)])
 def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same(
-    looks_ahead, monkeypatch, name
+    looks_ahead, monkeypatch
 ):
     def follow(num_objects: int) -> tuple[Tracker, list]:
         static = {"num_detections": 4, "num_objects": num_objects, "num_pending": 4}
-        tracker = Tracker({"tracker": name, "static": static})
+        tracker = Tracker({"tracker": "bank", "static": static})
         answers = []
         for index in range(28):
             answers.append(tracker.update(*things(index)))
@@ -64,68 +59,17 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
         np.testing.assert_array_equal(one.outcome, three.outcome)
 
 
-def test_a_live_loop_has_room_ready_for_a_sudden_crowd(looks_ahead, monkeypatch):
-    monkeypatch.setattr(growing_memory, "SETTLED_FRAMES", 0)
-    static = {"num_detections": 4, "num_objects": 16, "num_pending": 4}
-    tracker = Tracker({"tracker": "bank", "static": static})
-    image, labels = frames(1)[0]
-    tracker.update(image, labels)
-    tracker._memory.ahead.finish()
-    waited_s = tracker.compile_s
-    crowd = np.zeros((6, *labels.shape), bool)
-    for row, mask in enumerate(crowd):
-        mask[:, 40 * row : 40 * row + 32] = True
-    assert len(tracker.update(image, crowd)) == 6
-    assert tracker.has_grown
-    assert tracker.static.num_detections == 8
-    assert tracker.compile_s == waited_s
-
-
-def test_after_a_warm_up_nothing_more_is_compiled(looks_ahead, monkeypatch):
-    """Neither for objects, nor for a crowd, nor for what is settled, until the reserve is full."""
-    monkeypatch.setattr(growing_memory, "SETTLED_FRAMES", 1)
+def test_after_a_warm_up_for_so_many_objects_nothing_more_is_compiled(looks_ahead, monkeypatch):
     static = {"num_detections": 4, "num_objects": 4, "num_pending": 4}
     tracker = Tracker({"tracker": "bank", "static": static})
     tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=8)
     prepared = set(tracker._memory.frame_step._prepared)
     monkeypatch.setattr(tracker._memory, "_prepare", None)  # nothing is asked for
-    image, labels = frames(1)[0]
-    crowd = np.zeros((6, *labels.shape), bool)
-    for row, mask in enumerate(crowd):
-        mask[:, 40 * row : 40 * row + 32] = True
-    for masks in (labels, crowd[:4], labels):
-        tracker.update(image, masks)
-    assert (tracker.static.num_detections, tracker.static.num_objects) == (4, 8)
-    tracker.update(image, crowd)
-    assert (tracker.static.num_detections, tracker.static.num_objects) == (8, 16)
+    for index in (0, 2):
+        tracker.update(*squares(index))
+    assert tracker.static.num_objects == 8
     assert set(tracker._memory.frame_step._prepared) == prepared
     assert tracker.compile_s == 0.0
-
-
-def test_a_frame_that_grows_finds_its_room_made(looks_ahead, monkeypatch):
-    """After a warm-up, and after every growth; what is decided is the same without."""
-    make, made_by = Method.make_empty, []
-
-    def note(method: Method, static: Static):
-        made_by.append((static.num_objects, threading.current_thread() is threading.main_thread()))
-        return make(method, static)
-
-    def follow(tracker: Tracker) -> list[list[int]]:
-        ids = []
-        for index in range(12):
-            ids.append(tracker.update(*things(index)).object_id.tolist())
-            tracker._memory.ahead.finish()
-        return ids
-
-    monkeypatch.setattr(Method, "make_empty", note)
-    static = {"num_detections": 4, "num_objects": 2, "num_pending": 4}
-    tracker = Tracker({"tracker": "bank", "static": static})
-    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=8)
-    seen = follow(tracker)
-    assert tracker.static.num_objects == 8
-    assert made_by == [(4, False), (8, False), (16, False)]
-    roomy = Tracker({"tracker": "bank", "static": {**static, "num_objects": 8}})
-    assert seen == follow(roomy)
 
 
 def test_a_start_below_what_the_first_frame_needs_begins_with_that():
@@ -135,17 +79,6 @@ def test_a_start_below_what_the_first_frame_needs_begins_with_that():
         tracker.update(image, labels)
     assert (tracker.static.num_detections, tracker.static.num_objects) == (4, 8)
     assert len(tracker._memory.frame_step._prepared) == 1
-
-
-def test_a_run_prepares_no_reserve(looks_ahead, monkeypatch):
-    monkeypatch.setattr(growing_memory, "SETTLED_FRAMES", 0)
-    static = {"num_detections": 4, "num_objects": 16, "num_pending": 4}
-    tracker = Tracker({"tracker": "bank", "static": static})
-    image, labels = frames(1)[0]
-    masks = np.array([labels == number for number in (1, 2, 3)])[:2]
-    frame = Frame(0, 0, 0.0, "0", image, Detections.create(masks))
-    tracker.advance(tracker.prepare(frame))
-    assert tracker._memory.ahead._wanted is None
 
 
 def test_interruption_while_the_step_is_waited_for_leaves_the_memory_whole(monkeypatch, tmp_path):
