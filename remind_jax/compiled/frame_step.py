@@ -73,6 +73,12 @@ class FrameStep:
         self._method, self._is_traced = method, traced
         self._prepared: dict[Any, _Programs] = {}
 
+    def __call__(
+        self, memory: Bundle, frame_input: FrameInput, static: Static
+    ) -> tuple[Bundle, Packed, Any]:
+        """Describes and decides."""
+        return self.decide(memory, self.describe(frame_input, static))
+
     def describe(self, frame_input: FrameInput, static: Static) -> Described:
         """What the frame looks like."""
         leaves, structure = jax.tree.flatten(frame_input)

@@ -77,7 +77,7 @@ def _input_of(tracker: Tracker, index: int) -> FrameInput:
         tracker._memory, "frame_step", wraps=tracker._memory.frame_step
     ) as watched:
         tracker.update(*scenes.picture(index))
-    return watched.call_args.args[1]
+    return watched.describe.call_args.args[0]
 
 
 def test_another_frame_size_compiles_the_description_only(compiled):
@@ -96,7 +96,7 @@ def test_more_objects_compile_the_decision_only(compiled):
     tracker = make("bank")
     image, labels = scenes.picture(0, (1, 2))
     tracker.update(image, labels)
-    tracker._memory.make_room(num_objects=7)
+    tracker._memory._grow(num_objects=7)
     tracker.update(image, labels)
     first, second = tracker._memory.frame_step._prepared.values()
     assert first.describe is second.describe

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.frame import Frame
+from remind_jax.frame import Detections, Frame
 from remind_jax.session import growing_memory
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
@@ -65,8 +65,8 @@ def test_after_a_warm_up_for_so_many_objects_nothing_more_is_compiled(looks_ahea
     tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=8)
     prepared = set(tracker._memory.frame_step._prepared)
     monkeypatch.setattr(tracker._memory, "_prepare", None)  # nothing is asked for
-    for index in (0, 2):
-        tracker.update(*squares(index))
+    for image, labels in frames(2):
+        tracker.update(image, labels)
     assert tracker.static.num_objects == 8
     assert set(tracker._memory.frame_step._prepared) == prepared
     assert tracker.compile_s == 0.0
