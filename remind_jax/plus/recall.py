@@ -11,7 +11,6 @@ Letters: `N` detections, `O` object slots, `T` tracklets, `Q` looks that are ask
 
 from __future__ import annotations
 
-import collections
 import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -68,7 +67,7 @@ class ObjectsAtRest:
         """
         state = jax.device_get(state)
         lacking = needed - static.num_objects
-        idle = self._idle(state, frozenset())
+        idle = self._idle(state)
         if lacking > len(idle):
             return None
         spare = static.num_objects // SPARE_SHARE
@@ -96,7 +95,7 @@ class ObjectsAtRest:
         exists = int((state.objects.id != NO_ID).sum())
         open_ones = int((state.tracklets.alive & (state.tracklets.slot == NO_SLOT)).sum())
         free = static.num_objects - exists - open_ones - int(sightings.valid.sum())
-        idle = self._idle(state, frozenset())
+        idle = self._idle(state)
         most = min(free + len(idle), static.num_objects // MOST_SHARE)
         wanted = wanted[: max(0, most)]
         if not wanted:
@@ -137,7 +136,7 @@ class ObjectsAtRest:
     def _wanted(self, state: PlusState, sightings: Any, rows: Int[np.ndarray, "Q"]) -> list[int]:
         """Ids of objects at rest by falling promise: what looks alike first, then its partners."""
         whitener = Whitener.of(state.scene)
-        votes: collections.Counter[int] = collections.Counter()
+        votes: dict[int, float] = {}
         alike: dict[int, float] = {}
         bank = np.asarray(state.objects.white_bank)
         filled = np.asarray(state.objects.bank_count) > 0
@@ -157,11 +156,13 @@ class ObjectsAtRest:
         for one, value in alike.items():
             if value > clear:
                 for partner in self.archive.partners(one):
-                    votes[int(partner["id"])] += value * float(partner["covisible"])
-        beside = [one for one, _ in votes.most_common() if one in self.archive and one not in alike]
-        return [*sorted(alike, key=lambda one: -alike[one]), *beside]
+                    beside = int(partner["id"])
+                    votes[beside] = votes.get(beside, 0.0) + value * float(partner["covisible"])
+        company = [one for one in votes if one in self.archive and one not in alike]
+        first = sorted(alike, key=lambda one: -alike[one])
+        return [*first, *sorted(company, key=lambda one: -votes[one])]
 
-    def _idle(self, state: PlusState, keep: frozenset[int]) -> list[int]:
+    def _idle(self, state: PlusState) -> list[int]:
         """Slots of objects that no tracklet holds, those that were longest not needed first."""
         objects, tracklets = state.objects, state.tracklets
         held = np.zeros(len(objects.id), bool)
