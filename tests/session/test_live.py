@@ -35,8 +35,8 @@ def test_after_a_warm_up_no_frame_waits():
     assert tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=12) > 0.0
     assert tracker.state is None
     prepared = [step for *_, step in tracker._memory.frame_step._prepared]
-    assert [step.num_objects for step in prepared] == [6, 12, 24]
-    assert [step.num_detections for step in prepared] == [4, 4, 8]
+    assert [step.num_objects for step in prepared] == [6, 12]
+    assert [step.num_detections for step in prepared] == [4, 4]
     for image, labels in frames(2):
         tracker.update(image, labels)
     assert tracker.compile_s == 0.0
