@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 
 from remind_jax.errors import ConfigError, OptionError, SourceError, is_text, nearest_names
+from remind_jax.files import as_path
 from remind_jax.files.records import Text, check
 from remind_jax.formats.coco import read_categories
 from remind_jax.settings.ranges import check_option
@@ -229,21 +230,14 @@ def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
 
 
 def _existing(path: str | Path) -> Path:
-    if not isinstance(path, str | Path):
-        raise SourceError(f"{path!r} is no path; give text or a pathlib.Path")
+    given = as_path(path, "the path", SourceError)
     try:
-        resolved = Path(path).expanduser().absolute()
-        is_there = resolved.exists()
-    except (OSError, RuntimeError, ValueError) as error:
-        why = getattr(error, "strerror", None) or str(error)
-        raise SourceError(f"'{str(path)[:200]}' is no path that can be read: {why}") from error
-    if "\0" in str(path) or not str(path):
-        raise SourceError(f"'{path}' is no path; give that of a file or folder")
-    if not is_text(str(resolved)):
-        raise SourceError(f"'{path}' is no text in UTF-8; rename the file or folder")
+        resolved = given.expanduser().absolute()
+    except RuntimeError as error:  # of a user that there is not
+        raise SourceError(f"'{path}' is no path that can be read: {error}") from error
     if resolved.suffix.lower() in PACKED:
         raise SourceError(f"'{path}' is a packed folder; unpack it, or pack it as .tar")
-    if is_there:
+    if resolved.exists():
         return resolved
     if resolved.is_symlink():
         raise SourceError(f"'{path}' is a link that leads nowhere; mend it")

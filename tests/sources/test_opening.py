@@ -143,5 +143,5 @@ def test_names_that_are_no_text_are_written_out(tmp_path):
     source = open_source(tmp_path / "v", masks="none")
     assert [frame.name for frame in source] == ["0.png", r"1\udcff.png"]
     os.rename(tmp_path / "v", os.fsencode(tmp_path) + b"/v\xff")
-    with pytest.raises(SourceError, match=r"v\\udcff' is no text in UTF-8; rename the"):
+    with pytest.raises(SourceError, match=r"cannot be used: it is no text in UTF-8; rename it"):
         open_source(os.fsdecode(os.fsencode(tmp_path) + b"/v\xff"))
