@@ -36,9 +36,9 @@ _CAPACITIES = {
 
 # Share of a capacity from which on twice of it is prepared: objects stay, the rest comes and goes.
 PRESSED = {"num_detections": 3 / 4, "num_objects": 1 / 2, "num_pending": 3 / 4}
-# Slots of the working set per detection slot: each may be open in one frame and be an object beside
-# a new one in the next, and as much again is at hand.
-OBJECTS_PER_DETECTION = 4
+# Slots for objects per detection slot: each may be open in one frame, and be an object beside a new
+# one in the next.
+OBJECTS_PER_DETECTION = 2
 
 # Frames after which freed memory goes back: what a compiler freed lies scattered, and a loop would
 # touch more and more of its pages.
@@ -136,8 +136,7 @@ class GrowingMemory:
         if self.state is None:
             check_room(self._method, static)
             self.static = static
-            # Each may be open in one frame, and be an object beside a new one in the next.
-            needed["num_objects"] = 2 * num
+            needed["num_objects"] = OBJECTS_PER_DETECTION * num
         before = self.static
         self._grow(**needed)
         if self.state is None:
@@ -318,9 +317,9 @@ def most_detections(method: Method, static: Static, feature_dim: int) -> int:
     )
     most = static.num_detections
     while most * GROWTH_STEP <= MOST_DETECTIONS:
-        # Each may be open in one frame, and be an object beside a new one in the next.
         needed = most * GROWTH_STEP
-        room = empty.grow(num_detections=needed, num_objects=2 * needed, num_pending=needed)
+        objects = OBJECTS_PER_DETECTION * needed
+        room = empty.grow(num_detections=needed, num_objects=objects, num_pending=needed)
         if method.host.count_bytes(room) > MAX_FRAME_BYTES:
             break
         most = needed

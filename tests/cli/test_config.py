@@ -93,6 +93,7 @@ def test_diff_across_trackers_compares_what_both_have(command):
     assert outcome.stdout.splitlines() == [
         "tracker: 'plus' -> 'remind'",
         "static.num_detections: 32 -> 16",
+        "static.num_objects: 128 -> 64",
         "backbone_profile: False -> True",
         f"only in plus: {num['plus']} settings of tracker 'plus'",
         f"only in ablation_greedy: {num['remind']} settings of tracker 'remind'",

@@ -145,14 +145,14 @@ def walk(tracker, building, places, start=0):
 
 
 def test_what_rested_is_known_again_and_no_program_grows(building, tmp_path):
-    tracker = rj.Tracker(config={"static": {"num_detections": 16}})
+    tracker = rj.Tracker(config={"static": {"num_detections": 16, "num_objects": 64}})
     first = walk(tracker, building, range(18))
     assert tracker.static.num_objects == 64
     assert tracker.num_objects == 18 * PER_PLACE == len(tracker.objects())
     tracker.save(tmp_path / "memory.safetensors")
     again = walk(tracker, building, (2, 11, 5), start=180)
     assert again == [first[2], first[11], first[5]]
-    other = rj.Tracker(config={"static": {"num_detections": 16}})
+    other = rj.Tracker(config={"static": {"num_detections": 16, "num_objects": 64}})
     other.load(tmp_path / "memory.safetensors")
     assert {one.object_id for one in other.objects()} == {
         one.object_id for one in tracker.objects()
@@ -179,7 +179,7 @@ def test_a_file_whose_objects_at_rest_do_not_belong_together_is_refused(tmp_path
 
 
 def test_what_is_seen_least_is_forgotten_beyond_a_bound(building):
-    bound = {"static": {"num_detections": 16}, "input": {"max_objects": 100}}
+    bound = {"static": {"num_detections": 16, "num_objects": 64}, "input": {"max_objects": 100}}
     tracker = rj.Tracker(config=bound)
     told, events = walk(tracker, building, range(10)), []
     assert tracker.num_objects <= 100
