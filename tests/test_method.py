@@ -152,7 +152,7 @@ def test_wrong_names_are_refused(counter):
 
 @pytest.fixture(
     params=[
-        "bank",
+        "iou",  # quick to compile
         pytest.param("plus", marks=pytest.mark.heavy),
         pytest.param("remind", marks=pytest.mark.slow),
     ]
