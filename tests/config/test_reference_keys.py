@@ -57,7 +57,8 @@ def other_value(path, old):
     if isinstance(old, bool):
         return not old
     if isinstance(old, int):
-        return old + (1 if KEYED[path].most is None or old < KEYED[path].most else -1)
+        most = KEYED[path].most
+        return old + (1 if most is None or old < most else -1)
     if isinstance(old, float):  # not above the largest rate
         return old + (-old / 2 if path.endswith("_rate_min") else 0.125)
     return ["mirror"]

@@ -24,8 +24,9 @@ def follow(sightings, motion):
     """Answers of all frames."""
 
     def one(state, frame):
+        sightings, motion = frame
         state, verdicts = advance(
-            state, *frame, frame[0].valid, static=STATIC, thresholds=PlusThresholds()
+            state, sightings, motion, sightings.valid, static=STATIC, thresholds=PlusThresholds()
         )
         return state, verdicts.answer_id
 
