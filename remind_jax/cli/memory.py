@@ -26,13 +26,14 @@ if TYPE_CHECKING:
     from remind_jax.session.memory_file import SavedMemory
     from remind_jax.session.object_records import RememberedObject
 
-_METAVAR = "[rename|merge|split|forget ID ...]"
+_METAVAR = "[rename|merge|split|forget ID ..., join OTHER]"
 # What can be changed, by its words.
 _CHANGES = {
     "rename": 'rename ID NAME ("" takes a name back)',
     "merge": "merge ID ID ... (the others get the id of the first)",
     "split": "split ID (takes back what was merged into it)",
     "forget": "forget ID ... (with their looks and pictures)",
+    "join": "join OTHER (another memory file; what both know is merged)",
 }
 
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
@@ -48,18 +49,20 @@ class Memory:
       merge ID ID ...    the others get the id of the first
       split ID           take back what was merged into it
       forget ID ...      remove objects with their looks and pictures
+      join OTHER         add the objects of another memory; what both know is merged
 
     Examples:
       remind memory runs/rooms
       remind memory runs/rooms/memory.safetensors rename 3 "my mug"
       remind memory kitchen.safetensors merge 3 17 -o corrected.safetensors
+      remind memory runs/monday join runs/tuesday -o both.safetensors
       remind memory runs/rooms --html objects.html
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]  # memory file, or the folder of a run
-    # rename ID NAME, merge ID ID ..., split ID, or forget ID ...
+    # rename ID NAME, merge ID ID ..., split ID, forget ID ..., or join OTHER
     change: Annotated[
-        Positional[tuple[str, ...]], arg(metavar="[rename|merge|split|forget ID ...]")
+        Positional[tuple[str, ...]], arg(metavar="[rename|merge|split|forget ID ..., join OTHER]")
     ] = ()
     # where the changed memory is written; FILE itself if left out
     out: Annotated[Path | None, arg(aliases=["-o"])] = None
@@ -75,10 +78,14 @@ class Memory:
             raise UsageError("--out is for a changed memory; say what to change, or leave it out")
         from remind_jax.outputs.writer import MEMORY_NAME
 
-        path = self.file / MEMORY_NAME if self.file.is_dir() else self.file
+        def file_in(given: Path) -> Path:
+            return given / MEMORY_NAME if given.is_dir() else given
+
+        path = file_in(self.file)
+        joined = [] if change is None or change[0] != "join" else [file_in(Path(change[2]))]
         for written in (self.out, self.html):
             if written is not None:
-                files.refuse_file(written, [path])
+                files.refuse_file(written, [path, *joined])
                 if written.exists() and not self.overwrite:
                     raise OutputError(
                         f"'{written}' exists; name another file, or allow --overwrite"
@@ -89,8 +96,11 @@ class Memory:
         memory = load_memory(path)
         said = []
         if change is not None:
-            memory, line = _apply(memory, *change)
-            said = [line]
+            if joined:
+                memory, said = _join(memory, joined[0])
+            else:
+                memory, line = _apply(memory, *change)
+                said = [line]
             save_memory(self.out or path, memory)
         objects = memory.records.objects(memory.object_ids())
         about = (
@@ -110,15 +120,16 @@ class Memory:
 
 
 def _parse(words: Sequence[str]) -> tuple[str, list[int], str] | None:
-    """The kind of change, ids and name; None if nothing is to be changed."""
+    """The kind of change, ids, and name or file; None if nothing is to be changed."""
     if not words:
         return None
     kind, *rest = words
     if kind not in _CHANGES:
         raise UsageError(f"a memory cannot be changed by '{kind}'; give {_list_changes()}")
-    named = kind == "rename"
-    ids, name = (rest[:1], rest[1:]) if named else (rest, [])
-    counts = {"rename": len(rest) == 2, "merge": len(rest) > 1, "split": len(rest) == 1}
+    num_ids = {"rename": 1, "join": 0}.get(kind, len(rest))
+    ids, name = rest[:num_ids], rest[num_ids:]
+    counts = {"rename": len(rest) == 2, "merge": len(rest) > 1}
+    counts |= {"split": len(rest) == 1, "join": len(rest) == 1}
     are_ids = all(re.fullmatch(r"[0-9]{1,19}", word) for word in ids)
     if not counts.get(kind, len(rest) > 0) or not are_ids:
         said = reprlib.repr(" ".join(words))
@@ -151,6 +162,21 @@ def _apply(
     for object_id in dict.fromkeys(ids):
         memory = forget_object(memory, object_id)
     return memory, f"{plural(len(set(ids)), 'object')} forgotten"
+
+
+def _join(memory: SavedMemory, path: Path) -> tuple[SavedMemory, list[str]]:
+    """The memory with the objects of another one, and lines about who is who."""
+    from remind_jax.session.joined_memory import join_memories
+    from remind_jax.session.memory_file import load_memory
+
+    memory, joined = join_memories(memory, load_memory(path), path)
+    num = plural(joined.num_added, "object")
+    said = [f"{num} of {path} added, {len(joined.matched)} of them known"]
+    said += [f"  {gone} merged into object {kept}" for kept, gone in joined.matched]
+    for one, may_be in joined.ambiguous.items():
+        others = " or ".join(map(str, may_be))
+        said.append(f"  object {one} may be {others}; it stays apart (merge makes them one)")
+    return memory, said
 
 
 def _facts(known: RememberedObject) -> dict[str, Any]:

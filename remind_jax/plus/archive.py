@@ -35,6 +35,7 @@ _PARTNER = np.dtype(
         ("log_ratio", "f4"),
     ]
 )
+NO_PARTNERS = np.zeros(0, _PARTNER)
 # What is copied of an object as it is; its looks are kept apart, its place is not kept.
 _COPIED = tuple(
     field.name
@@ -82,7 +83,7 @@ class Archive:
 
     def partners(self, object_id: int) -> np.ndarray:
         """Whom it was seen with, as far as it rested since: fields `id`, `covisible` and others."""
-        return self._partners.get(object_id, np.zeros(0, _PARTNER))
+        return self._partners.get(object_id, NO_PARTNERS)
 
     def rest(self, state: PlusState, empty: PlusState, slots: Sequence[int]) -> PlusState:
         """Takes objects out of a memory of host arrays; gives the memory without them.
@@ -95,17 +96,34 @@ class Archive:
         objects, pairs = state.objects, state.pairs
         for slot in slots:
             self._partners[int(objects.id[slot])] = self._partners_of(objects, pairs, slot)
-        resting = []
-        for slot in slots:
-            num = int(np.count_nonzero(objects.bank_count[slot]))
-            one = Resting(
-                {name: np.array(getattr(objects, name)[slot]) for name in _COPIED},
-                np.array(objects.bank[slot, :num]),
-                np.array(objects.bank_count[slot, :num]),
-            )
-            resting.append(one)
-        self._put(resting, state.scene)
+        self._put([_copied(objects, slot) for slot in slots], state.scene)
         return _cleared(state, empty, np.asarray(slots, int))
+
+    def with_working_set(
+        self, state: PlusState
+    ) -> tuple[dict[int, Resting], dict[int, np.ndarray]]:
+        """All objects of a memory, at rest or not, and the partners of each; nothing changes.
+
+        Args:
+          state: The memory beside it, host arrays.
+        """
+        objects = state.objects
+        slots = np.flatnonzero(objects.id != NO_ID).tolist()
+        present = [_copied(objects, slot) for slot in slots]
+        of_present = {
+            one.id: self._partners_of(objects, state.pairs, slot)
+            for one, slot in zip(present, slots, strict=True)
+        }
+        everything = self._resting | {one.id: one for one in present}
+        partners = {one: self.partners(one) for one in everything} | of_present
+        return everything, partners
+
+    def take_in(
+        self, resting: Sequence[Resting], partners: Mapping[int, np.ndarray], scene: Scene
+    ) -> None:
+        """Adds objects that rested elsewhere, with whom each was seen."""
+        self._put(resting, scene)
+        self._partners |= partners
 
     def wake(
         self, state: PlusState, ids: Iterable[int], center: Float[np.ndarray, "2"]
@@ -171,7 +189,7 @@ class Archive:
         found["bank_count"] = np.concatenate([one.bank_count for one in resting])
         found["partners_of"] = np.array(list(self._partners), np.int32)
         found["num_partners"] = np.array([len(one) for one in self._partners.values()], np.int32)
-        partners = np.concatenate([*self._partners.values(), np.zeros(0, _PARTNER)])
+        partners = np.concatenate([*self._partners.values(), NO_PARTNERS])
         found |= {f"partners.{name}": np.array(partners[name]) for name in _PARTNER.names or ()}
         return found
 
@@ -264,6 +282,16 @@ def _check(tensors: Mapping[str, np.ndarray], state: PlusState, num_classes: int
 def _require(holds: bool, fault: str) -> None:
     if not holds:
         raise ValueError(fault)
+
+
+def _copied(objects: Objects, slot: int) -> Resting:
+    """An object of the working set, which may change afterwards."""
+    num = int(np.count_nonzero(objects.bank_count[slot]))
+    return Resting(
+        {name: np.array(getattr(objects, name)[slot]) for name in _COPIED},
+        np.array(objects.bank[slot, :num]),
+        np.array(objects.bank_count[slot, :num]),
+    )
 
 
 def _relate(pairs: Pairs, slot: int, others: Int[np.ndarray, "P"], partners: np.ndarray) -> None:

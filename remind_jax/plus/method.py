@@ -14,6 +14,7 @@ from remind_jax.plus.earlier_files import COLUMNS, NEW_LEAVES
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
+from remind_jax.plus.joining import join
 from remind_jax.plus.memory_need import count_bytes
 from remind_jax.plus.observation import RING_PATCHES, Motion, Sightings, observe
 from remind_jax.plus.recall import ObjectsAtRest
@@ -82,6 +83,7 @@ METHOD = Method(
         columns=COLUMNS,
         new_leaves=NEW_LEAVES,
         at_rest=ObjectsAtRest,
+        join=join,
         count_bytes=count_bytes,
     ),
     Sweeping(described_by=("looks.unit_patches",), in_turn_on_cpu=True),

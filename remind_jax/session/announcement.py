@@ -92,6 +92,32 @@ class Announcements:
         counts = {one: count for one, count in self.counts.items() if one in object_ids}
         return dataclasses.replace(self, counts=counts)
 
+    def joined(
+        self, other: Announcements, ids: Mapping[int, int]
+    ) -> tuple[Announcements, dict[int, int]]:
+        """With the objects of another memory.
+
+        Args:
+          other: What was announced of them there.
+          ids: Of each object there: its id in this memory, higher than all before.
+
+        Returns:
+          What is announced now, and the announced id here of each that they had there.
+        """
+        known = {one: number for one in ids if (number := other.id_of(one)) != NO_ID}
+        if self.is_identity:
+            return self, {number: ids[one] for one, number in known.items()}
+        number_of = {
+            number: self.next_id + place for place, number in enumerate(sorted({*known.values()}))
+        }
+        now = dataclasses.replace(
+            self,
+            ids={**self.ids, **{ids[one]: number_of[known[one]] for one in known}},
+            counts={**self.counts, **{ids[i]: n for i, n in other.counts.items() if i in ids}},
+            next_id=self.next_id + len(number_of),
+        )
+        return now, number_of
+
     def number(self, object_ids: Iterable[int]) -> dict[int, int]:
         """A number for each of these, for explanations.
 

@@ -34,6 +34,7 @@ from remind_jax.session.answers import note_omissions, read_tracks
 from remind_jax.session.frame_features import FrameFeatures
 from remind_jax.session.growing_memory import GrowingMemory, most_detections
 from remind_jax.session.identities import Identities
+from remind_jax.session.joined_memory import JoinedObjects, join_memories
 from remind_jax.session.memory_file import (
     SavedMemory,
     check_backbone,
@@ -453,6 +454,32 @@ class Tracker(Printable):
             self._memory.at_rest = memory.at_rest
         self._preparer.class_ids = {name: number for number, name in enumerate(memory.class_names)}
         self.identities.restore(memory)
+
+    def join(self, path: str | Path) -> JoinedObjects:
+        """Adds the objects of another memory; those that are known here are merged (`split`).
+
+        Ids of this memory stay, the objects that come get free ones. What may be known and is not
+        clear stays apart and is told.
+
+        Raises:
+          OutputError: If the file is missing, damaged or of another schema.
+          RemindError: If it is of another tracker, another backbone or another width of features.
+          ConfigError: If the tracker cannot join memories.
+          SourceError: If there is nothing to join it with yet.
+        """
+        path = as_path(path, "the memory file", OutputError)
+        if self.state is None:
+            raise SourceError("there is no memory to join before the first frame; 'load' the file")
+        with self._alone("prepare"), self._alone("advance"):
+            joined, told = join_memories(
+                self._saved(), load_memory(path), path, self.config.thresholds
+            )
+            self._memory.state = joined.state
+            self._preparer.class_ids = {
+                name: number for number, name in enumerate(joined.class_names)
+            }
+            self.identities.restore(joined)
+        return told
 
     def __reduce__(self) -> Any:
         """Refuses to be pickled or copied."""

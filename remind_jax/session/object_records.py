@@ -290,6 +290,57 @@ class ObjectRecords:
             names.setdefault(kept, given[0])
         self.names = names
 
+    def take_in(self, other: ObjectRecords, number_of: Mapping[int, int]) -> None:
+        """Adds the objects of other records, whose sessions follow these.
+
+        A name that an object has here is not given to another one.
+
+        Args:
+          other: Their records.
+          number_of: Ids that are free here of the objects that come, by their ids there.
+        """
+
+        def later(sight: Sight) -> Sight:
+            return Sight(self.session + sight.session, sight.frame)
+
+        added = {
+            number_of[one]: dataclasses.replace(
+                record, first=later(record.first), last=later(record.last)
+            )
+            for one, record in other._records.items()
+            if one in number_of
+        }
+        taken = set(self.names.values())
+        names = {
+            number_of[one]: name
+            for one, name in other.names.items()
+            if number_of.get(one) in added and name not in taken
+        }
+        merged = {
+            number_of[gone]: number_of[kept]
+            for gone, kept in other.merged_into.items()
+            if number_of.get(gone) in added and number_of.get(kept) in added
+        }
+        self._records |= added
+        self.names, self.merged_into = {**self.names, **names}, {**self.merged_into, **merged}
+        self.session += other.session
+
+    def unite(self, pairs: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+        """Merges the second of each pair into the first; gives the pairs that were merged.
+
+        What is merged into another one already stays there.
+        """
+        done = []
+        for kept, gone in pairs:
+            if gone not in self.merged_into and kept not in self.merged_into:
+                self.merge(kept, [gone])
+                done.append((kept, gone))
+        return tuple(done)
+
+    def has(self, object_id: int) -> bool:
+        """Whether there is a record of it."""
+        return object_id in self._records
+
     def split(self, object_id: int) -> tuple[int, ...]:
         """Takes back all `merge`s into an object; gives the ids of those that are apart again.
 

@@ -8,6 +8,7 @@ import shutil
 
 import pytest
 
+import remind_jax as rj
 from remind_jax.cli import process
 from remind_jax.cli.main import main
 from remind_jax.outputs.result import Result
@@ -71,6 +72,49 @@ def test_the_file_is_left_alone_where_another_is_named(memory, tmp_path, capsys)
     assert "exists" in capsys.readouterr().err
 
 
+def test_two_memories_become_one(tmp_path, capsys):
+    paths = []
+    for name, ids in (("monday", (1, 2, 3)), ("tuesday", (2, 3, 4))):
+        tracker = rj.Tracker()
+        for index in range(12):
+            image, labels = scenes.picture(index, ids)
+            masks = rj.Detections.create(
+                [labels == one for one in ids], [scenes.CLASSES[one] for one in ids]
+            )
+            tracker.update(image, masks)
+        (tmp_path / name).mkdir()
+        paths.append(tmp_path / name / "memory.safetensors")
+        tracker.save(paths[-1])
+    before = [path.read_bytes() for path in paths]
+    out = tmp_path / "both.safetensors"
+    words = ["memory", str(paths[0]), "join", str(paths[1].parent), "-o", str(out)]
+    assert main(words) == process.FINE
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"3 objects of {paths[1]} added, 2 of them known" in said
+    assert "3 merged into object 1" in said
+    assert [path.read_bytes() for path in paths] == before
+    objects = listed(out, capsys)
+    assert [(one["id"], one["label"], one["merged"]) for one in objects] == [
+        (0, "cup", []),
+        (1, "cup", [3]),
+        (2, "book", [4]),
+        (5, "vase", []),
+    ]
+    assert main(["memory", str(out), "split", "2", "--quiet"]) == process.FINE
+    assert [one["id"] for one in listed(out, capsys)] == [0, 1, 2, 4, 5]
+    assert main([*words[:4], "-o", str(paths[1]), "--overwrite"]) == process.ERROR
+    assert "is an input" in capsys.readouterr().err
+    assert main(["memory", str(out), "join", str(tmp_path / "none")]) == process.ERROR
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_memories_that_do_not_fit_are_not_joined(memory, capsys):
+    before = memory.read_bytes()
+    assert main(["memory", str(memory), "join", str(memory)]) == process.ERROR
+    assert "tracker 'bank' cannot join memories" in capsys.readouterr().err
+    assert memory.read_bytes() == before
+
+
 CHANGES_THAT_ARE_NONE = (
     (["lose", "1"], process.USAGE, "cannot be changed by 'lose'"),
     (["rename", "1"], process.USAGE, "give rename ID NAME"),
@@ -79,6 +123,8 @@ CHANGES_THAT_ARE_NONE = (
     (["forget", "\u0663"], process.USAGE, "is no change"),
     (["rename", "0", "a\udcff"], process.USAGE, "is no text in UTF-8"),
     (["merge", "1"], process.USAGE, "give merge ID ID"),
+    (["join"], process.USAGE, "give join OTHER"),
+    (["join", "a", "b"], process.USAGE, "give join OTHER"),
     (["split", "1", "2"], process.USAGE, "give split ID"),
     (["forget"], process.USAGE, "give forget ID"),
     (["forget", "-1"], process.USAGE, ""),

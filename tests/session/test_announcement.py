@@ -214,6 +214,20 @@ def test_a_run_in_two_parts_is_the_whole_run(run, after, cut):
     assert ids(first + second) == ids(whole)
 
 
+def test_objects_of_another_memory_are_announced_under_the_next_numbers():
+    own = Announcements(0, {2: 0, 5: 1}, {6: 2}, {}, 2)
+    ids = {4: 14, 7: 17, 8: 18}
+    other = Announcements(0, {4: 3, 7: 1, 9: 2}, {8: 3, 1: 4}, {}, 4)
+    now, number_of = own.joined(other, ids)
+    assert number_of == {1: 2, 3: 3}
+    assert [now.id_of(one) for one in (2, 5, 6, 17, 14, 18)] == [0, 1, NO_ID, 2, 3, NO_ID]
+    assert (now.counts, now.next_id) == ({6: 2, 18: 3}, 4)
+    assert Announcements().joined(other, ids) == (Announcements(), {1: 17, 3: 14})
+    now, number_of = own.joined(Announcements(), ids)
+    assert number_of == {4: 2, 7: 3, 8: 4}
+    assert now.id_of(17) == 3
+
+
 def test_numbers_of_explanations_are_one_to_one():
     announced = Announcements(0, {5: 0, 2: 1}, {7: 1}, next_id=2)
     assert announced.number([7, 5, 2, 9, NO_ID]) == {5: 0, 2: 1, 7: 2, 9: 3, NO_ID: NO_ID}

@@ -84,6 +84,30 @@ def test_names_are_shown_and_kept(tracker, tmp_path):
     assert tracks.display_name(1) == "my mug"  # an answer that was given stays
 
 
+def test_records_of_a_joined_memory_follow_and_begin_a_session(tracker, tmp_path):
+    tracker.rename(1, "my mug")
+    tracker.merge(0, 2)
+    tracker.save(tmp_path / "other")
+    other = Tracker()
+    other.load(tmp_path / "other")
+    other.split(0)
+    other.rename(2, "spoon")
+    found = other.join(tmp_path / "other")
+    new = [found.ids[one] for one in (0, 1, 2)]
+    # Object 2 there was merged into object 0 there, which is object 0 here.
+    assert sorted(found.matched) == [(0, new[0]), (1, new[1])]
+    assert found.num_added == 3
+    first, second, third = other.objects()
+    assert (first.merged, second.merged, third.merged) == ((new[0], new[2]), (new[1],), ())
+    assert (second.name, third.name) == ("my mug", "spoon")
+    assert {(one.first, one.last) for one in (first, second)} == {
+        (Sight(1, 0), Sight(2, FRAMES - 1))
+    }
+    assert second.num_frames == 2 * FRAMES
+    look(other)
+    assert other.objects()[0].last == Sight(3, FRAMES)
+
+
 @pytest.mark.parametrize("name", ["a\nb", "\x1b[31m", "x" * 201, 3, None])
 def test_names_that_are_no_short_line_are_refused(tracker, name):
     with pytest.raises(SourceError, match="cannot be called"):

@@ -1,0 +1,299 @@
+"""Which objects of two memories are one, by their looks and by whom they were seen with (host).
+
+Rule: method_plus.md#joining.
+
+Letters: `M` objects there, `C` candidates here of each, `R` objects of either, `S` statements of
+partners about candidates, `L` looks, `D` feature dimension, `E` directions that looks are compared
+in. Evidence is in log odds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import sparse
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.archive import NO_PARTNERS, Resting
+from remind_jax.plus.evidence import look_odds_of, mix, relation_error
+from remind_jax.plus.look_index import Whitener
+from remind_jax.plus.state import NO_RELATION, Scene
+
+NUM_CANDIDATES = 8  # objects here that each object there may be
+# Log odds by which a match must lead over any other one, and over "new"; else it stays apart.
+LEAD, LEAD_OVER_NEW = 1.5, 0.8
+TYPICAL_SHARE = 0.2  # of what an object was seen with stands beside another one by chance
+COMPANY_BEST = 2.5  # limit of that evidence to both sides, log odds
+LEAST_NEW = 1 / 3  # share of the objects there that is assumed to be new at least
+_AT_ONCE = 256  # objects there, or pairs of them, that are compared at once
+NOBODY = -1  # no row
+_ROUNDS = 5  # in which the share of new things settles
+
+
+class Side(NamedTuple):
+    """All objects of a memory, row by row."""
+
+    objects: Sequence[Resting]
+    first: Int[np.ndarray, "R"]  # row of an object, and ...
+    second: Int[np.ndarray, "R"]  # ... of one that was seen with it
+    partner: np.ndarray  # what is known of the two: fields as in `Archive.partners`
+
+    @classmethod
+    def of(cls, objects: Mapping[int, Resting], partners: Mapping[int, np.ndarray]) -> Side:
+        """Those that have looks, sorted by the rows of pairs."""
+        kept = [one for one in objects.values() if len(one.bank)]
+        row_of = {one.id: row for row, one in enumerate(kept)}
+        of_each = [partners.get(one.id, NO_PARTNERS) for one in kept]
+        lengths = [len(of_one) for of_one in of_each]
+        partner = np.concatenate([*of_each, NO_PARTNERS])
+        first = np.repeat(np.arange(len(kept)), lengths)
+        second = np.array([row_of.get(one, NOBODY) for one in partner["id"].tolist()], int)
+        # What is known of two may be kept with one of them only.
+        back = partner.copy()
+        back["relation"], back["log_ratio"] = -partner["relation"], -partner["log_ratio"]
+        first, second = np.concatenate([first, second]), np.concatenate([second, first])
+        partner = np.concatenate([partner, back])
+        present = np.flatnonzero((first != NOBODY) & (second != NOBODY))
+        keys = first[present] * len(kept) + second[present]
+        order = present[np.unique(keys, return_index=True)[1]]  # sorted, each once
+        return cls(kept, first[order], second[order], partner[order])
+
+    def values(self, name: str) -> np.ndarray:
+        """A field of all objects."""
+        return np.stack([one.values[name] for one in self.objects])
+
+
+class _Candidates(NamedTuple):
+    """What each object there may be."""
+
+    row: Int[np.ndarray, "M C"]  # of objects here, NOBODY where there are fewer
+    cosine: Float[np.ndarray, "M C"]  # of the looks that are most alike
+    of_class: Int[np.ndarray, "M"]  # objects here of its class
+
+
+class _Statements(NamedTuple):
+    """What pairs of objects here, and the same pairs there, say for each other."""
+
+    about: Int[np.ndarray, "S"]  # place of the candidate in `M C`
+    by: Int[np.ndarray, "S"]  # place of the candidate of the partner
+    lies: Float[np.ndarray, "S"]  # log odds of how they lie, 0 where that is not known
+    related: Bool[np.ndarray, "S"]  # it is known
+    beside: Float[np.ndarray, "S"]  # share of its frames in which the partner was in view, ...
+    company: Float[np.ndarray, "M"]  # ... and the sum of these of all partners of an object
+
+
+def match(
+    here: Side, there: Side, scene: Scene, t: th.PlusThresholds
+) -> tuple[Int[np.ndarray, "M"], dict[int, Int[np.ndarray, "rivals"]]]:
+    """Rows here of the objects there, NOBODY for new ones; rows that the doubtful ones may be."""
+    candidates = _find_candidates(here, there, Whitener.of(scene))
+    base = _own_evidence(here, there, candidates, scene, t)
+    odds = _weigh_company(base, _ask_company(here, there, candidates, t), t)
+    return _decide(odds, candidates.row, len(here.objects), _expect_new(odds, t.decision))
+
+
+def _find_candidates(here: Side, there: Side, whitener: Whitener) -> _Candidates:
+    """The objects here that look most alike, of the class of each object there."""
+    num = len(there.objects)
+    found = _Candidates(
+        np.full((num, NUM_CANDIDATES), NOBODY),
+        np.full((num, NUM_CANDIDATES), -1.0, np.float32),
+        np.zeros(num, int),
+    )
+    classes_here, classes_there = here.values("class_id"), there.values("class_id")
+    for one_class in np.intersect1d(classes_here, classes_there):
+        rows = np.flatnonzero(classes_here == one_class)
+        looks, starts = _looks(here, rows, whitener)
+        asking = np.flatnonzero(classes_there == one_class)
+        found.of_class[asking] = len(rows)
+        for start in range(0, len(asking), _AT_ONCE):
+            asked = asking[start : start + _AT_ONCE]
+            own, own_starts = _looks(there, asked, whitener)
+            of_looks = np.maximum.reduceat(own @ looks.T, starts, axis=1)
+            cosine = np.maximum.reduceat(of_looks, own_starts, axis=0)
+            best = np.argsort(-cosine, axis=1, kind="stable")[:, :NUM_CANDIDATES]
+            width = best.shape[1]
+            found.row[asked, :width] = rows[best]
+            found.cosine[asked, :width] = np.take_along_axis(cosine, best, axis=1)
+    return found
+
+
+def _looks(
+    side: Side, rows: Int[np.ndarray, "rows"], whitener: Whitener
+) -> tuple[Float[np.ndarray, "L E"], Int[np.ndarray, "rows"]]:
+    """Whitened looks of some objects, and where those of each start."""
+    banks = [side.objects[row].bank for row in rows.tolist()]
+    starts = np.cumsum([0, *(len(bank) for bank in banks[:-1])])
+    return whitener.whiten(np.concatenate(banks)), starts
+
+
+def _own_evidence(
+    here: Side, there: Side, candidates: _Candidates, scene: Scene, t: th.PlusThresholds
+) -> Float[np.ndarray, "M C"]:
+    """Log odds of looks and background of each candidate, less those of its rivals; else -inf."""
+    looks = np.asarray(look_odds_of(jnp.asarray(candidates.cosine), scene, t))
+    looks = np.clip(looks, t.looks.worst, t.looks.best)
+    rings = [_rings(side, np.asarray(scene.ring_mean)) for side in (here, there)]
+    cosine = np.einsum("mcd,md->mc", rings[0][candidates.row], rings[1])
+    known = [side.values("ring_count") > 0 for side in (here, there)]
+    ring = t.looks.ring_slope * (cosine - t.looks.ring_middle)
+    ring = t.looks.ring_weight * np.clip(ring, -t.looks.ring_best, t.looks.ring_best)
+    ring = np.where(known[0][candidates.row] & known[1][:, None], ring, 0.0)
+    rivals = np.maximum(candidates.of_class, t.decision.crowd_free) / t.decision.crowd_free
+    odds = looks + ring - t.decision.crowd * np.log(rivals)[:, None]
+    return np.where(candidates.row == NOBODY, -np.inf, odds)
+
+
+def _rings(side: Side, mean: Float[np.ndarray, "D"]) -> Float[np.ndarray, "R D"]:
+    rings = side.values("ring") - mean
+    return rings / np.maximum(np.linalg.norm(rings, axis=1, keepdims=True), 1e-12)
+
+
+def _ask_company(
+    here: Side, there: Side, candidates: _Candidates, t: th.PlusThresholds
+) -> _Statements:
+    """All pairs of candidates of two objects there that were seen together here as well."""
+    num, width = len(here.objects), candidates.row.shape[1]
+    keys = here.first * num + here.second  # rising
+    about, by, pair_there, pair_here = [], [], [], []
+    for start in range(0, len(there.first), _AT_ONCE):
+        pairs = np.arange(start, min(start + _AT_ONCE, len(there.first)))
+        first, second = (candidates.row[side[pairs]] for side in (there.first, there.second))
+        asked = first[:, :, None] * num + second[:, None]
+        place = np.minimum(np.searchsorted(keys, asked), max(len(keys) - 1, 0))
+        both = (first[:, :, None] != NOBODY) & (second[:, None] != NOBODY)
+        known = both & (keys[place] == asked) if len(keys) else np.zeros_like(both)
+        pair, c, d = np.nonzero(known)
+        about.append(there.first[pairs[pair]] * width + c)
+        by.append(there.second[pairs[pair]] * width + d)
+        pair_there.append(pairs[pair])
+        pair_here.append(place[known])
+    none = [np.zeros(0, int)]
+    at_there, at_here = np.concatenate(pair_there + none), np.concatenate(pair_here + none)
+    known_there, known_here = there.partner[at_there], here.partner[at_here]
+    size = there.values("size")
+    scale = np.sqrt(size[there.first[at_there]] * size[there.second[at_there]])
+    share = there.partner["covisible"] / np.maximum(there.values("seen"), 1)[there.first]
+    company = np.bincount(there.first, share, len(there.objects))
+    lies, related = _compare_layout(known_here, known_there, scale, t)
+    return _Statements(
+        np.concatenate(about + none),
+        np.concatenate(by + none),
+        lies,
+        related,
+        share[at_there],
+        company,
+    )
+
+
+def _compare_layout(
+    here: np.ndarray, there: np.ndarray, scale: Float[np.ndarray, "S"], t: th.PlusThresholds
+) -> tuple[Float[np.ndarray, "S"], Bool[np.ndarray, "S"]]:
+    """Does one lie from the other here as there? As `layout` asks it of two detections."""
+    related = (here["spread"] < NO_RELATION) & (there["spread"] < NO_RELATION)
+    off = here["relation"] - there["relation"]
+    spread = np.hypot(here["spread"], there["spread"])
+    inside = np.zeros(len(off), bool)
+    relation = jnp.asarray(there["relation"])
+    error = relation_error(relation, jnp.asarray(spread), jnp.asarray(inside), t.layout)
+    squared = jnp.asarray(np.sum(off**2, axis=1) * scale**2)
+    lost, doubt = t.layout.lost, t.layout.least_doubt
+    odds = mix(squared, (error * scale) ** 2, lost, doubt, jnp.float32(0), th.FRAME_AREA)
+    odds = np.clip(np.asarray(odds), -t.layout.pair_best, t.layout.pair_best)
+    return np.where(related, odds, 0.0), related
+
+
+def _weigh_company(
+    base: Float[np.ndarray, "M C"], said: _Statements, t: th.PlusThresholds
+) -> Float[np.ndarray, "M C"]:
+    """Log odds with what the partners say, each by how far it is believed to be its own one."""
+    layout, odds = t.layout, base
+    rounds = int(layout.rounds)
+    for k in range(rounds + 1):
+        handicap = layout.optimism * (1.0 - k / rounds)
+        weight = _believe(odds, float(t.decision.new) - handicap).reshape(-1)[said.by]
+
+        def add_up(values: np.ndarray, weight: np.ndarray = weight) -> np.ndarray:
+            return np.bincount(said.about, values * weight, base.size).reshape(base.shape)
+
+        num = np.maximum(add_up(said.related), 1e-6)
+        lies = add_up(said.lies) * np.minimum(1.0, layout.partners / num)
+        lies = layout.weight * np.clip(lies, -layout.best, layout.best)
+        together = np.log((add_up(said.beside) + TYPICAL_SHARE) / (1.0 + said.company[:, None]))
+        together -= np.log(TYPICAL_SHARE)
+        together = np.clip(together, -COMPANY_BEST, COMPANY_BEST)
+        # From elsewhere even what stands still lies otherwise.
+        odds = base + np.maximum(lies, 0.0) + together
+    return odds
+
+
+def _believe(odds: Float[np.ndarray, "M C"], new: float) -> Float[np.ndarray, "M C"]:
+    """Probability of each candidate beside all others and a new object."""
+    most = np.maximum(np.max(odds, axis=1, keepdims=True), new)
+    likely = np.exp(odds - most)
+    return likely / (np.sum(likely, axis=1, keepdims=True) + np.exp(new - most))
+
+
+def _expect_new(odds: Float[np.ndarray, "M C"], t: th.Decision) -> float:
+    """Log odds of a new object: the fewer seem to be known, the more a known one has to show."""
+    new = float(t.new)
+    for _ in range(_ROUNDS):
+        seem_new = 1.0 - np.sum(_believe(odds, new), axis=1)
+        share = np.clip(np.mean(seem_new), LEAST_NEW, 1.0 - t.familiarity_least)
+        new = float(t.new + t.familiarity * np.log(share / (1.0 - share)))
+    return new
+
+
+def _decide(
+    odds: Float[np.ndarray, "M C"], row: Int[np.ndarray, "M C"], num_here: int, new: float
+) -> tuple[Int[np.ndarray, "M"], dict[int, Int[np.ndarray, "rivals"]]]:
+    """One assignment with a private column for "new"; what does not lead clearly stays apart."""
+    place = _assign(odds, row, num_here, new)
+    is_held = np.arange(odds.shape[1]) == place[:, None]
+    own = np.where(place == NOBODY, new, np.max(np.where(is_held, odds, -np.inf), axis=1))
+    others = np.where(is_held, -np.inf, odds)
+    held = np.flatnonzero(place != NOBODY)
+    objects = row[held, place[held]]
+    # What an object would lose without its own one; another that wants that has to pay for it.
+    price = np.zeros(num_here)
+    price[objects] = np.maximum(own - np.maximum(np.max(others, axis=1), new), 0.0)[held]
+    instead = np.max(others - price[row], axis=1)
+    lead = own - instead
+    # Or another one that wants it gives up what it has.
+    holder = np.full(num_here, NOBODY)
+    holder[objects] = held
+    wants, c = np.nonzero((others > -np.inf) & (holder[row] != NOBODY))
+    owner = holder[row[wants, c]]
+    loss = (own - np.maximum(instead, new))[owner] - (others[wants, c] - own[wants])
+    np.minimum.at(lead, owner, loss)
+    sure = held[(lead[held] >= LEAD) & (own[held] >= new + LEAD_OVER_NEW)]
+    found = np.full(len(odds), NOBODY)
+    found[sure] = row[sure, place[sure]]
+    possible = (odds > new - LEAD) & ~np.isin(row, found[sure])
+    possible[sure] = False
+    doubted = {}
+    for m in np.flatnonzero(possible.any(axis=1)).tolist():
+        best_first = np.argsort(-odds[m], kind="stable")
+        doubted[m] = row[m, best_first[possible[m, best_first]]]
+    return found, doubted
+
+
+def _assign(
+    odds: Float[np.ndarray, "M C"], row: Int[np.ndarray, "M C"], num_here: int, new: float
+) -> Int[np.ndarray, "M"]:
+    """Places of the chosen candidates, NOBODY for new ones."""
+    num = len(odds)
+    wins, c = np.nonzero(odds > new)
+    at = np.concatenate([wins, np.arange(num)])
+    column = np.concatenate([row[wins, c], num_here + np.arange(num)])
+    # A constant added to all changes nothing; zeros would be left out of the graph.
+    gain = np.concatenate([odds[wins, c] - new, np.zeros(num)]) + 1.0
+    graph = sparse.csr_array((gain, (at, column)), shape=(num, num_here + num))
+    chosen = min_weight_full_bipartite_matching(graph, maximize=True)[1]
+    is_chosen = row == chosen[:, None]
+    return np.where(is_chosen.any(axis=1), np.argmax(is_chosen, axis=1), NOBODY)

@@ -1,0 +1,93 @@
+"""Two memories become one: objects of another one come along, and those that are known are one."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from remind_jax.errors import ConfigError, RemindError
+from remind_jax.method import get_method
+from remind_jax.numerics.absent import NO_ID
+from remind_jax.session.announcement import Announcements
+from remind_jax.session.memory_file import SavedMemory, check_backbone, check_tracker
+
+
+@dataclasses.dataclass(frozen=True)
+class JoinedObjects:
+    """What became of the objects of another memory; ids are those of the answers."""
+
+    ids: Mapping[int, int]  # of each object there: its id here
+    matched: tuple[tuple[int, int], ...]  # objects here, and the ids here of those merged into them
+    # Ids here of objects that stay apart, and the objects that they may be, best first.
+    ambiguous: Mapping[int, tuple[int, ...]]
+
+    @property
+    def num_added(self) -> int:
+        """Objects that came."""
+        return len(self.ids)
+
+
+def join_memories(
+    memory: SavedMemory, other: SavedMemory, path: str | Path, thresholds: Any = None
+) -> tuple[SavedMemory, JoinedObjects]:
+    """One memory with the objects of both; what is known in both is merged, and can be split again.
+
+    Args:
+      memory: Goes on; its ids stay, its records and objects at rest are changed.
+      other: Its objects get ids that are free, its sessions follow those of `memory`.
+      path: Where `other` is from, for errors.
+      thresholds: Of the tracker; the published ones if left out.
+
+    Raises:
+      ConfigError: If the tracker cannot join memories.
+      RemindError: If the memories are of different trackers, backbones or widths of features.
+    """
+    method = get_method(memory.tracker)
+    check_tracker(other, memory.tracker, path)
+    check_backbone(other, memory.backbone, path)
+    if method.host.join is None or memory.at_rest is None or other.at_rest is None:
+        raise ConfigError(
+            f"tracker '{memory.tracker}' cannot join memories; trackers that keep objects at rest "
+            "can, as 'plus' does"
+        )
+    if other.static.feature_dim != memory.static.feature_dim:
+        raise RemindError(
+            f"{path} knows features of {other.static.feature_dim} numbers, not "
+            f"{memory.static.feature_dim}; join memories of the same features"
+        )
+    new = (one for one in other.class_names if one not in memory.class_names)
+    class_names = (*memory.class_names, *new)
+    class_ids = np.array([class_names.index(one) for one in other.class_names], int)
+    thresholds = method.settings() if thresholds is None else thresholds
+    state, joined = method.host.join(
+        memory.state, memory.at_rest, other.state, other.at_rest, class_ids, thresholds
+    )
+    announced, number_of = (memory.announced or Announcements()).joined(
+        other.announced or Announcements(), joined.ids
+    )
+    records = memory.records
+    records.take_in(other.records, number_of)
+
+    def told(one: int) -> int:
+        number = announced.id_of(one)
+        return records.merged_into.get(number, number) if records.has(number) else NO_ID
+
+    found = [(told(kept), told(gone)) for kept, gone in joined.matched]
+    matched = records.unite([pair for pair in found if NO_ID not in pair])
+    ambiguous = {
+        told(one): tuple(dict.fromkeys(told(known) for known in may_be if told(known) != NO_ID))
+        for one, may_be in joined.ambiguous.items()
+        if told(one) != NO_ID
+    }
+    changed = dataclasses.replace(
+        memory,
+        state=jax.tree.map(jax.numpy.asarray, state),
+        class_names=class_names,
+        announced=None if announced.is_identity else announced,
+    )
+    return changed, JoinedObjects(number_of, matched, ambiguous)
