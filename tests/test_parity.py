@@ -41,6 +41,7 @@ def test_generated_inputs_are_the_recorded_ones(name):
     load.verify(name)
 
 
+@pytest.mark.heavy
 def test_published_configuration_decides_as_the_original(x64):
     check(*QUICK)
 
