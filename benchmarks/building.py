@@ -88,7 +88,7 @@ def measure(
         lambda event, *_, **__: compiled.append(event) if "backend_compile" in event else None
     )
     building = Building(num_objects, noise, one_class, seed)
-    tracker = Tracker(tracker_name)
+    tracker = Tracker(tracker=None if tracker_name == "default" else tracker_name)
     visits = building.visits()
     told: dict[int, int] = {}  # id of each object at the end of its first visit
     known_again = taken = asked = first_right = 0

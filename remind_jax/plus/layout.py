@@ -231,8 +231,8 @@ def _covisible_evidence(
     """Are these objects seen together more often than by chance?"""
     together = look_up(pairs.covisible, o, p) + 0.5
     frames = jnp.minimum(objects.seen[o], objects.seen[p]) + 3.0
-    # What is always in view is beside everybody.
-    usual = jnp.maximum(objects.seen[o], objects.seen[p]) / jnp.maximum(frame, 1)
+    # What is always in view is beside everybody; what came with another memory may be older.
+    usual = jnp.minimum(jnp.maximum(objects.seen[o], objects.seen[p]) / jnp.maximum(frame, 1), 1.0)
     odds = jnp.log(together / frames / jnp.maximum(t.covisible_typical, usual))
     odds = jnp.clip(odds, -t.covisible_best, t.covisible_best)
     # The absence of a companion means little far away from it.
