@@ -28,7 +28,7 @@ from remind_jax.static import Static
 
 NUM_ASKED = 4  # objects at rest that each look may bring
 # What comes looks more like the same than like another object: this share of the way between what
-# cosines of both are usually, and for whom it stands beside, this one.
+# cosines of both are usually. With what lies beyond the second come those it stands beside.
 PLAUSIBLE, CLEAR = 0.3, 0.6
 USUAL = np.array([0.1, 0.7], np.float32)  # cosines of others and of the same, before any is known
 USUAL_WEIGHT = 20.0  # cosines that this counts for
@@ -140,10 +140,8 @@ class ObjectsAtRest:
         alike: dict[int, float] = {}
         bank = np.asarray(state.objects.white_bank)
         filled = np.asarray(state.objects.bank_count) > 0
-        plausible, clear = (
-            _usual_cosines(state.scene, PLAUSIBLE),
-            _usual_cosines(state.scene, CLEAR),
-        )
+        plausible = _usual_cosines(state.scene, PLAUSIBLE)
+        clear = _usual_cosines(state.scene, CLEAR)
         looks, class_id = sightings.look[rows], sightings.class_id[rows]
         found, cosine = self.archive.looks.search(looks, class_id, whitener, NUM_ASKED)
         present = whitener.whiten(looks) @ bank.reshape(-1, bank.shape[-1]).T
@@ -191,8 +189,8 @@ def _empty(static: Static) -> PlusState:
 
 def _usual_cosines(scene: Scene, share: float) -> float:
     """What lies this share of the way from cosines of others to those of the same object."""
-    weight = scene.cosine_weight + USUAL_WEIGHT
-    other, same = (scene.cosine_sum + USUAL * USUAL_WEIGHT) / weight
+    weight = np.asarray(scene.cosine_weight) + USUAL_WEIGHT
+    other, same = (np.asarray(scene.cosine_sum) + USUAL * USUAL_WEIGHT) / weight
     return float(other + share * (same - other))
 
 
