@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from remind_jax.session.memory_file import SavedMemory
     from remind_jax.session.object_records import RememberedObject
 
-_METAVAR = "[rename|merge|split|forget ID ..., join OTHER]"
+_METAVAR = "[rename|merge|split|forget|join ...]"
 # What can be changed, by its words.
 _CHANGES = {
     "rename": 'rename ID NAME ("" takes a name back)',
@@ -62,7 +62,7 @@ class Memory:
     file: Annotated[Positional[Path], arg(metavar="FILE")]  # memory file, or the folder of a run
     # rename ID NAME, merge ID ID ..., split ID, forget ID ..., or join OTHER
     change: Annotated[
-        Positional[tuple[str, ...]], arg(metavar="[rename|merge|split|forget ID ..., join OTHER]")
+        Positional[tuple[str, ...]], arg(metavar="[rename|merge|split|forget|join ...]")
     ] = ()
     # where the changed memory is written; FILE itself if left out
     out: Annotated[Path | None, arg(aliases=["-o"])] = None
