@@ -28,12 +28,15 @@ class NoSwitches:
 class Static:
     """Capacities, and the switches of the method; equal values share one compiled program.
 
-    Capacities never change results: when one overflows, it grows and the frame is repeated.
+    Capacities never change results: when one overflows, it grows and the frame is repeated. Where
+    a method has objects at rest, slots for objects are its working set instead: results may depend
+    on them once more objects are known than there are slots.
     """
 
     num_detections: int = setting(16, "detection slots of a frame; grows", "detections",
         more=_CAPACITY, most=MOST_DETECTIONS, why=_MORE)
-    num_objects: int = setting(64, "object slots of the memory; grows", "objects",
+    num_objects: int = setting(64,
+        "object slots of the memory; grows, or other objects rest (plus)", "objects",
         more=_CAPACITY, most=MOST_OBJECTS, why=_MORE)
     num_pending: int = setting(32, "slots of ambiguous and of provisional tracks each; grows",
         "tracks", more=_CAPACITY, most=8192, why=_MORE)

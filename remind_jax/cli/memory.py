@@ -90,7 +90,6 @@ class Memory:
                     raise OutputError(
                         f"'{written}' exists; name another file, or allow --overwrite"
                     )
-        from remind_jax.cli.memory import render_memory
         from remind_jax.session.memory_file import load_memory, save_memory
 
         memory = load_memory(path)

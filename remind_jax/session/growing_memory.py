@@ -167,12 +167,19 @@ class GrowingMemory:
         return readout.decisions, outlines
 
     def forget_beyond(self, num: int) -> list[int]:
-        """Lets objects at rest go until no more than `num` are known in all; gives their ids."""
-        if self.at_rest is None or not self.at_rest.ids():
+        """Lets objects out of view go until no more than `num` are known; gives their ids."""
+        if self.at_rest is None or self.state is None:
             return []
+        resting = len(self.at_rest.ids())
         present = int(np.sum(np.asarray(self.state.objects.id) != NO_ID))
-        excess = present + len(self.at_rest.ids()) - num
-        return self.at_rest.forget_least_known(excess) if excess > 0 else []
+        excess = present + resting - num
+        if excess <= 0:
+            return []
+        if excess > resting:
+            needed = self.static.num_objects + excess - resting
+            rested = self.at_rest.make_room(self.state, self.static, needed)
+            self.state = self.state if rested is None else rested
+        return self.at_rest.forget_least_known(excess)
 
     def reserve(self, num_detections: int) -> None:
         """Makes room for so many detections in a frame."""
