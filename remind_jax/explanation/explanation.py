@@ -7,7 +7,7 @@ import dataclasses
 import enum
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -56,10 +56,6 @@ class Explanation(abc.ABC):
 
     def __str__(self) -> str:
         return self.to_text()
-
-    def shortened(self) -> Self:
-        """The same with what a page of the report has room for."""
-        return self
 
     def _numbers(self) -> dict[str, float | None]:
         """What is said beside the outcome, by name."""

@@ -166,7 +166,7 @@ def _explain_frame(result: Result, tracks: Tracks) -> dict[str, Any] | None:
     shared: dict[str, Any] = {}
     own = []
     for row in range(len(tracks)):
-        explanation = result.explain(tracks.frame_index, row).shortened()
+        explanation = result.explain(tracks.frame_index, row)
         whole = explanation.to_json()
         shared = {name: whole[name] for name in explanation.OF_FRAME}
         own.append({k: v for k, v in whole.items() if k not in (*_LEFT_OUT, *shared)})

@@ -282,14 +282,11 @@ function drawCandidates(explained) {
     "Open to assignment"];
   const heads = titles.map((text, column) =>
     make("th", column > 1 && column < titles.length - 1 ? { class: "number" } : {}, text));
-  const { quality } = explained;
   return [make("h3", {}, `Candidates (${explained.candidates.length} of ${explained.num_candidates})`),
     make("div", { class: "scroll" }, make("table", {},
       make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows))),
-    make("p", { class: "faint" }, `Score \u00d7 weight per channel. Quality of what was seen: object ` +
-      `${number(quality.object)}, background ${number(quality.background)}, parts ` +
-      `${number(quality.parts)}; ${quality.effective_patches.toFixed(1)} patches. In parentheses: ` +
-      `what context would add if it were allowed. Common: on the evidence that all candidates have.`)];
+    make("p", { class: "faint" }, "Score \u00d7 weight per channel. In parentheses: " +
+      "what context would add if it were allowed. Common: on the evidence that all candidates have.")];
 }
 
 function drawLayout(explained) {
@@ -312,12 +309,11 @@ function drawLayout(explained) {
 
 function drawPending(explained) {
   if (!explained.pending) return [];
-  const { kind, track_id: track, first_frame: first, num_detections: count } = explained.pending;
+  const { kind, track_id: track } = explained.pending;
   const options = explained.pending.options.map((option) =>
     `${option.name} (${number(option.score)}${option.blocked ? ", held by another" : ""})`);
   return [make("h3", {}, "Track of undecided detections"), make("p", {},
-    `${kind} track ${track}: ${plural(count, "detection")} since frame ${first}` +
-    (options.length ? `; could be ${options.join(" or ")}` : ""))];
+    `${kind} track ${track}` + (options.length ? `: could be ${options.join(" or ")}` : ""))];
 }
 
 function drawContext(frame, explained) {

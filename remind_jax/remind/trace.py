@@ -17,18 +17,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.observation import Descriptors
-from remind_jax.remind.association.assignment import Assignment, dummy_scores
-from remind_jax.remind.association.diagnosis import Evidence, top_two
+from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import term_weights
-from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.context.reasoning import Reasoning
-from remind_jax.remind.context.veto import expect_neighbors, plausibly_in_view
-from remind_jax.remind.disambiguation.distance_evidence import (
-    tabulate_edges,
-)
+from remind_jax.remind.disambiguation.distance_evidence import tabulate_edges
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS
 from remind_jax.remind.outcome import named_ids
 from remind_jax.remind.perception.relations import Relations
@@ -54,26 +48,16 @@ class CandidateTrace:
     value: Float[Array, "N C T"]  # score of each term
     present: Bool[Array, "N C T"]
     weight: Float[Array, "N C T"]  # after the quality of observation and prototype
-    authority: Float[Array, "N C"]  # how proven the prototype is that won, [0, 1]
     visual_score: Float[Array, "N C"]  # weighted mean of the terms
-    comparable_score: Float[
-        Array, "N C"
-    ]  # on the evidence that all plausible ones have, with context
+    comparable_score: Float[Array, "N C"]  # on the evidence that all plausible ones have
     bonus_raw: Float[Array, "N C"]  # what context would add
     bonus: Float[Array, "N C"]  # what it was allowed to add
     assignment_score: Float[Array, "N C"]  # what the joint assignment maximized
     final_score: Float[Array, "N C"]  # what was tested for acceptance
-    known: Float[Array, "N C"]  # the same with context even where it may not influence
-    eligible: Bool[Array, "N C"]  # open to assignment
     plausible: Bool[Array, "N C"]  # not vetoed
     gate: Int[Array, "N C"]  # association.gating.Gate
     veto: Int[Array, "N C"]  # context.veto.Veto
     backed: Bool[Array, "N C"]  # clearly backed by context
-    support: Float[Array, "N C"]  # by context, [0, 1]
-    contradiction: Float[Array, "N C"]  # by context, [0, 1]
-    relative_support: Float[Array, "N C"]  # against the best of the class, [0, 1]
-    num_expected: Int[Array, "N C"]  # neighbors that it leads one to expect
-    num_expected_seen: Int[Array, "N C"]  # of these, plausibly in view elsewhere in the frame
 
 
 @jax.tree_util.register_dataclass
@@ -87,16 +71,13 @@ class PassTrace:
     option_score: Float[Array, "N R K"]
     root: Int[Array, "N R"]  # first detection of its closed group, -1 outside groups
     status: Int[Array, "N R"]  # disambiguation.joint_assignments.GroupStatus
-    num_objects: Int[Array, "N R"]  # that the group names, those not yet founded included
     proposed_id: Int[Array, "N R"]  # object in the best assignment of the group, -1 if not scored
     score: Float[Array, "N R"]  # of that assignment
     second: Float[Array, "N R"]  # of the runner-up, -1 without any
-    core: Float[Array, "N R"]  # score without appearance
     core_gap: Float[Array, "N R"]
     evidence: Float[Array, "N R"]  # summed weight of the anchors
     anchor_id: Int[Array, "N R A"]  # objects whose distances voted, -1 padding
     anchor_detection: Int[Array, "N R A"]  # where they are in this frame
-    anchor_quality: Float[Array, "N R A"]  # how well each separates the group
     distance: Float[Array, "N R A"]  # from the detection to the anchor now, in object sizes
     remembered: Float[Array, "N R K A"]  # from each object in question, mean of past episodes
     num_remembered: Int[Array, "N R K A"]  # episodes; 0: never seen together
@@ -107,22 +88,9 @@ class PassTrace:
 class DetectionTrace:
     """What was known about each detection besides its `Decisions`."""
 
-    quality: Float[Array, "N 3"]  # of object, background and parts, [0, 1]
-    density: Float[Array, "N 2"]  # factor for thin masks on object and parts, [0, 1]
-    patch_sum: Float[Array, "N"]  # summed coverage in patches
-    source: Int[Array, "N T"]  # banks compared with: similarity.AUTO, WORK, STABLE
     num_candidates: Int[Array, "N"]  # all objects of its class
-    num_backed: Int[Array, "N"]  # of these, plausible and clearly backed by context
-    backed_id: Int[Array, "N"]  # the best of these on common evidence, -1 none
-    backed_score: Float[Array, "N"]  # its comparable score
     anchor_id: Int[Array, "N"]  # object that it is an anchor for, -1 none
-    dummy: Float[Array, "N"]  # score of staying without an object in the joint assignment
-    rival: Int[Array, "N"]  # other detection most like the same object, -1 none
-    rival_score: Float[Array, "N"]  # its visual score
     group: Int[Array, "N"]  # first detection of its group of look-alikes, -1 none
-    group_gap: Float[Array, "N"]  # lead of the best joint assignment of the group; -1: only one
-    reserved_id: Int[Array, "N"]  # object that it founds although undecided, -1 none
-    kept_count: Int[Array, "N"]  # objects of its class that context supports
     candidates: CandidateTrace
     passes: PassTrace
 
@@ -136,8 +104,6 @@ class SetTrace:
     member_id: Int[Array, "H M"]  # ascending, -1 padding
     detections: Bool[Array, "H N"]  # that the members explain
     coverage: Float[Array, "H"]  # [0, 1]
-    density: Float[Array, "H"]  # [0, 1]
-    maturity: Float[Array, "H"]  # [0, 1)
     valid: Bool[Array, "H"]
 
 
@@ -167,17 +133,13 @@ class Intermediates:
     """Intermediate results of one step, as they arise."""
 
     state: TrackerState  # before the frame
-    descriptors: Descriptors
     quality: Quality
     relations: Relations
-    evidence: Evidence
     anchors: Bool[Array, "N O"]
-    view: FrameView
     reasoning: Reasoning
     table: PairTable
     assignment: Assignment
     settlement: Settlement
-    visual_gate: Float[Array, ""]
     stages: Stages
 
 
@@ -200,38 +162,14 @@ def collect_trace(intermediates: Intermediates, static: Static, t: Thresholds) -
 
 def _trace_detections(d: Intermediates, static: Static, t: Thresholds) -> DetectionTrace:
     comparison, objects = d.table.comparison, d.state.objects
-    influence, q = d.reasoning.influence, d.quality
     num = comparison.candidate.shape[0]
-    seen = plausibly_in_view(comparison.candidate, comparison.score, d.visual_gate)
-    rows = _choose_candidates(d, static)
-    is_anchor = jnp.any(d.anchors, axis=1)
     anchor = objects.id[jnp.argmax(d.anchors, axis=1)]
-    rival, rival_score = _find_rivals(d)
-    stable = d.settlement.stabilized
-    member = jnp.argmax(comparison.candidate, axis=1)  # any object of the class
-    some = jnp.any(comparison.candidate, axis=1)
-    comparable = temporal_score(d.table, d.table.plausible)
-    backed = d.table.plausible & d.table.context.supported[None]
-    num_backed = jnp.sum(backed, axis=1, dtype=jnp.int32)
-    first, backed_score, _ = top_two(comparable, backed)
+    root = d.settlement.stabilized.root
     return DetectionTrace(
-        quality=jnp.stack([q.object, q.background, q.parts], axis=1),
-        density=jnp.stack([q.object_density, q.parts_density], axis=1),
-        patch_sum=d.descriptors.patch_sum,
-        source=comparison.source.T,
         num_candidates=jnp.sum(comparison.candidate, axis=1, dtype=jnp.int32),
-        num_backed=num_backed,
-        backed_id=jnp.where(num_backed > 0, objects.id[first], NO_ID),
-        backed_score=backed_score,
-        anchor_id=jnp.where(is_anchor, anchor, NO_ID),
-        dummy=dummy_scores(d.evidence, t.matching),
-        rival=rival,
-        rival_score=rival_score,
-        group=jnp.where(stable.root < num, stable.root, -1),
-        group_gap=jnp.where(jnp.isfinite(stable.gap), stable.gap, -1.0),
-        reserved_id=d.settlement.reserved_id,
-        kept_count=jnp.where(some, influence.kept_count[member], 0),
-        candidates=_trace_candidates(d, rows, seen, comparable, static, t),
+        anchor_id=jnp.where(jnp.any(d.anchors, axis=1), anchor, NO_ID),
+        group=jnp.where(root < num, root, -1),
+        candidates=_trace_candidates(d, static, t),
         passes=_trace_passes(d, t),
     )
 
@@ -257,18 +195,9 @@ def _choose_candidates(d: Intermediates, static: Static) -> Int[Array, "N C"]:
     return jnp.pad(slots, ((0, 0), (0, static.num_candidates - shown)), constant_values=-1)
 
 
-def _trace_candidates(
-    d: Intermediates,
-    rows: Int[Array, "N C"],
-    seen: Bool[Array, "N O"],
-    comparable: Float[Array, "N O"],
-    static: Static,
-    t: Thresholds,
-) -> CandidateTrace:
-    comparison, pairs, influence = d.table.comparison, d.assignment.pairs, d.reasoning.influence
+def _trace_candidates(d: Intermediates, static: Static, t: Thresholds) -> CandidateTrace:
+    comparison, pairs, rows = d.table.comparison, d.assignment.pairs, _choose_candidates(d, static)
     shape, at = comparison.candidate.shape, jnp.maximum(rows, 0)
-    expected = expect_neighbors(d.view, t.sets.min_link, static, t.veto)
-    common = seen.astype(jnp.float32) @ expected.T.astype(jnp.float32)
 
     def take(values: Array) -> Array:
         """The shown columns of a table `[N O]`, `[O]` or `[T N O]`."""
@@ -291,39 +220,17 @@ def _trace_candidates(
                 terms.value.shape,
             )
         ),
-        authority=take(terms.authority),
         visual_score=take(comparison.score),
-        comparable_score=take(comparable),
-        bonus_raw=take(influence.bonus_raw),
+        comparable_score=take(temporal_score(d.table, d.table.plausible)),
+        bonus_raw=take(d.reasoning.influence.bonus_raw),
         bonus=take(pairs.bonus),
         assignment_score=take(pairs.score_assign),
         final_score=take(pairs.score_final),
-        known=take(pairs.score_known),
-        eligible=take(pairs.eligible),
         plausible=take(d.table.plausible),
         gate=take(pairs.gate),
         veto=take(d.reasoning.veto),
         backed=take(d.table.context.supported),
-        support=take(influence.support),
-        contradiction=take(influence.contradiction),
-        relative_support=take(influence.compat_rel),
-        num_expected=take(jnp.sum(expected, axis=1, dtype=jnp.int32)),
-        num_expected_seen=take(common.astype(jnp.int32)),
     )
-
-
-def _find_rivals(d: Intermediates) -> tuple[Int[Array, "N"], Float[Array, "N"]]:
-    """The other plausible detection most like the object assigned, or like the best candidate."""
-    comparison = d.table.comparison
-    best = jnp.argmax(jnp.where(comparison.candidate, comparison.score, -jnp.inf), axis=1)
-    slot = jnp.where(d.assignment.slot >= 0, d.assignment.slot, best)
-    num = slot.shape[0]
-    others = d.table.plausible[:, slot].T & ~jnp.eye(num, dtype=bool)
-    others = others & jnp.any(comparison.candidate, axis=1)[:, None]
-    score = jnp.where(others, comparison.score[:, slot].T, -jnp.inf)
-    some = jnp.any(others, axis=1)
-    rival = jnp.where(some, jnp.argmax(score, axis=1), -1).astype(jnp.int32)
-    return rival, jnp.where(some, jnp.max(score, axis=1), 0.0)
 
 
 def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
@@ -361,16 +268,13 @@ def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
         option_score=jnp.where(option >= 0, rounds.entries.score, 0.0),
         root=rounds.root,
         status=of_group(groups.status),
-        num_objects=of_group(groups.num_candidates),
         proposed_id=name(rounds.proposed),
         score=number["score"],
         second=number["second"],
-        core=number["core"],
         core_gap=number["core_gap"],
         evidence=number["evidence"],
         anchor_id=name(anchor),
         anchor_detection=place,
-        anchor_quality=of_group(groups.anchor_quality),
         distance=jnp.where(anchor >= 0, far, 0.0),
         remembered=jnp.where(known, table[source, target, 2], 0.0),
         num_remembered=jnp.where(known, edges.count[source, target], 0),
@@ -389,7 +293,5 @@ def _trace_sets(hypotheses: Hypotheses, ids: Int[Array, "O"]) -> SetTrace:
         member_id=jnp.where(members == none, NO_ID, members),
         detections=h.detections,
         coverage=h.coverage,
-        density=h.density,
-        maturity=h.maturity,
         valid=h.valid,
     )

@@ -123,6 +123,5 @@ def _advance(
         descriptors, masks, relations, static, t,
     )  # fmt: skip
     return after, Intermediates(
-        state, descriptors, quality, relations, evidence, anchors, view,
-        reasoning, table, assignment, settlement, visual_gate, stages,
+        state, quality, relations, anchors, reasoning, table, assignment, settlement, stages,
     )  # fmt: skip

@@ -15,17 +15,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.config import Config
 from remind_jax.decision import Outcome
-from remind_jax.explanation.remind.case import Case, FrameRecord
+from remind_jax.explanation.archive import TraceArchive
 from remind_jax.explanation.remind.explainer import RemindExplainer
-from remind_jax.explanation.remind.reasons import give_reasons
+from remind_jax.explanation.remind.explanation import RemindExplanation
+from remind_jax.explanation.remind.record import FrameRecord
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
 from remind_jax.remind.association.gating import read_context
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import Comparison, Terms
-from remind_jax.remind.context.evidence import view_frame
 from remind_jax.remind.context.hypotheses import no_hypotheses
 from remind_jax.remind.context.influence import no_influence
 from remind_jax.remind.context.reasoning import Reasoning
@@ -37,6 +36,7 @@ from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import Intermediates, collect_trace
 from remind_jax.remind.undecided.settlement import settle
 from remind_jax.remind.undecided.temporal import tabulate_pairs
+from tests.outputs.fake_run import make_tracks
 from tests.statics import make_static
 
 NUM, SLOTS = 3, 4
@@ -75,17 +75,27 @@ def decide_frame(
         veto[pair] = code
     numbers = len(rows), num_objects, int(lifecycle), context is not None
     decisions, trace = jax.device_get(_decide(score, said, veto, *map(jnp.int32, numbers)))
-    return RemindExplainer.record(len(rows), decisions, trace)
+    return FrameRecord.of_step(len(rows), decisions, trace)
 
 
-def case_of(record: FrameRecord, row: int, config: Config | None = None) -> Case:
-    known = {int(i): "mug" for i in record.detections.candidates.id.ravel()}
-    return Case(record, row, "mug", known, {}, config or Config())
+def explain(record: FrameRecord, row: int) -> RemindExplanation:
+    """The explanation of a detection of this frame, in which no mask was seen."""
+    archive = TraceArchive("remind", FrameRecord)
+    archive.add(0, record, {int(i): "mug" for i in record.detections.candidates.id.ravel()})
+    d = record.decisions
+    rows = [
+        {"label": "mug", "outcome": Outcome(int(d.outcome[i])), "object_id": int(d.object_id[i])}
+        for i in range(len(record))
+    ]
+    tracks = make_tracks(0, np.ones((len(record), 2, 2), bool), rows)
+    explanation = RemindExplainer(archive, [tracks], {}).explain(0, row)
+    assert isinstance(explanation, RemindExplanation)
+    return explanation
 
 
 def chain(record: FrameRecord, row: int) -> list[str]:
     """The reasons of a detection; new objects and tracks have no number without a memory."""
-    return list(give_reasons(case_of(record, row)))
+    return list(explain(record, row).why)
 
 
 @functools.partial(jax.jit)
@@ -150,9 +160,7 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     decisions = decisions.replaced(object_id=jnp.where(new, num_objects, decisions.object_id))
     ones = jnp.ones(NUM)
     intermediates = Intermediates(
-        state, descriptors, Quality(ones, ones, ones, ones, ones), relations, evidence, anchors,
-        view_frame(state.cooccurrence, objects, anchors[0], descriptors, masks, t.cooccurrence),
-        reasoning, table,
-        assignment, settlement, jnp.float32(0.75), stages,
+        state, Quality(ones, ones, ones, ones, ones), relations, anchors, reasoning, table,
+        assignment, settlement, stages,
     )  # fmt: skip
     return decisions, collect_trace(intermediates, STATIC, t)

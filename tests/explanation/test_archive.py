@@ -13,7 +13,7 @@ from remind_jax.explanation import archive as module
 from remind_jax.explanation.archive import TRACE_NAME, TraceArchive
 from remind_jax.explanation.explainer import open_archive
 from remind_jax.explanation.plus.explainer import PlusRecord
-from remind_jax.explanation.remind.case import FrameRecord
+from remind_jax.explanation.remind.record import FrameRecord
 from tests.explanation.scenes import decide_frame
 
 ROWS = ([{0: 0.91, 1: 0.85}], [{}], [{0: 0.88, 1: 0.80}, {0: 0.87, 1: 0.76}])
@@ -58,8 +58,6 @@ def test_frames_of_grown_capacities_fit_in_one_file(archive, tmp_path):
         member_id=np.array([[3, 8]], np.int32),
         detections=np.array([[True, True]]),
         coverage=np.ones(1, np.float32),
-        density=np.ones(1, np.float32),
-        maturity=np.ones(1, np.float32),
         valid=np.ones(1, bool),
     )
     one = dataclasses.replace(archive.frame(0), sets=dataclasses.replace(
@@ -72,8 +70,9 @@ def test_frames_of_grown_capacities_fit_in_one_file(archive, tmp_path):
     first, second = (new_archive(tmp_path / TRACE_NAME).frame(i) for i in (0, 1))
     assert first is not None
     assert second is not None
-    assert first.set_members == [((5,), (0,))]
-    assert second.set_members == [((3, 8), (0, 1))]
+    assert first.sets.member_id.tolist() == [[5]]
+    assert second.sets.member_id.tolist() == [[3, 8]]
+    assert second.sets.detections.tolist() == [[True, True]]
 
 
 def test_the_file_is_read_when_asked_for(tmp_path):

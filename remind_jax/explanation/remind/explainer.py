@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable
+from typing import Any, cast
 
-import jax
 import numpy as np
 
-from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
-from remind_jax.explanation.archive import TraceArchive, first_rows
+from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.explanation.explainer import Explainer
 from remind_jax.explanation.explanation import id_or_none
-from remind_jax.explanation.remind.case import Case, FrameRecord
-from remind_jax.explanation.remind.evidence import (
-    MORE_TERMS,
-    SOURCES,
-    TERMS,
+from remind_jax.explanation.remind.explanation import (
     Anchor,
     Candidate,
     Context,
@@ -25,244 +19,181 @@ from remind_jax.explanation.remind.evidence import (
     ObjectSet,
     Option,
     PendingTrack,
-    Quality,
+    RemindExplanation,
     Term,
     Voter,
 )
-from remind_jax.explanation.remind.explanation import RemindExplanation
 from remind_jax.explanation.remind.reasons import give_reasons
+from remind_jax.explanation.remind.record import FrameRecord
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.disambiguation.joint_assignments import GroupStatus
 from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.stages import Lock, MatchOrigin
-from remind_jax.remind.trace import Trace
-from remind_jax.tracks import Tracks
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.trace import CandidateTrace, PassTrace, SetTrace
+from remind_jax.tracks import Tracks, title_of
 
-# Fields of a candidate that are in the trace under the same name.
-_AS_TRACED = (
-    "unseen_frames",
-    "authority",
-    "visual_score",
-    "comparable_score",
-    "bonus",
-    "bonus_raw",
-    "backed",
-    "support",
-    "contradiction",
-    "plausible",
-    "eligible",
-    "assignment_score",
-    "final_score",
-)
+_TERMS = ("object", "background", "parts", "ring_prototypes")  # the last only if it is on
+_MAX_SETS = 5
+
+Name = Callable[[int], str]  # of an object by its id
 
 
 class RemindExplainer(Explainer[FrameRecord]):
     """Explains decisions of one run."""
 
     RECORD = FrameRecord
-
-    def __init__(
-        self,
-        archive: TraceArchive[FrameRecord],
-        tracks: Sequence[Tracks],
-        config: Mapping[str, Any],
-    ) -> None:
-        super().__init__(archive, tracks, config)
-        self._pending = _follow_pending(tracks)
-
-    @staticmethod
-    def record(num: int, decisions: Decisions, trace: Trace) -> FrameRecord:
-        """What is kept of a frame."""
-        sets = jax.tree.map(lambda leaf: leaf[trace.sets.valid], trace.sets)
-        # A set explains as many detections as it has members.
-        sets = dataclasses.replace(
-            sets, detections=sets.detections[:, :num], member_id=sets.member_id[:, :num]
-        )
-        decided, stages, known = first_rows((decisions, trace.stages, trace.detections), num)
-        return FrameRecord(decided, stages, known, sets, trace.context)
+    record = staticmethod(FrameRecord.of_step)
 
     def _explain(self, record: FrameRecord, tracks: Tracks, row: int) -> RemindExplanation:
-        labels = self._archive.labels
-        case = Case(record, row, tracks.labels[row], labels, tracks.names, self._config)
-        since = self._pending.get((tracks.frame_index, row))
-        is_rated, found, made = tracks.is_rated(row), case.decision, case.stage
-        return RemindExplanation(
+        label, labels = tracks.labels[row], self._archive.labels
+
+        def name(object_id: int) -> str:
+            return title_of(labels.get(object_id, label), object_id, tracks.names)
+
+        d, stages, known = record.decisions, record.stages, record.detections
+        is_rated, object_id = tracks.is_rated(row), int(d.object_id[row])
+        outcome = Outcome(int(d.outcome[row]))
+        options = tuple(
+            Option(int(i), name(int(i)), float(score), bool(blocked))
+            for i, score, blocked in zip(
+                d.option_id[row], d.option_score[row], d.option_blocked[row], strict=True
+            )
+            if i != NO_ID
+        )
+        groups = known.group
+        context = record.context
+        explanation = RemindExplanation(
             frame=tracks.frame_index,
             time_s=float(tracks.time_s),
             frame_name=tracks.name,
             detection=row,
-            label=case.label,
-            name=_name(case),
-            outcome=case.outcome,
-            reason=case.reason,
-            object_id=id_or_none(found("object_id")),
-            decided_at=None if found("object_id") == NO_ID else tracks.frame_index,
-            score=found("score") if is_rated else None,
-            confidence=found("confidence") if is_rated else None,
-            status=Status(found("status")),
-            status_final=Status(made("status_final")),
-            best_score=found("best_score"),
-            second_score=found("second_score"),
-            num_close=made("num_close"),
-            lock=Lock(made("lock")),
-            source=MatchOrigin(made("source")),
-            assigned_id=id_or_none(made("assigned_id")),
-            guarded_id=id_or_none(made("guarded_id")),
-            why=give_reasons(case, since),
-            quality=_quality(case),
-            num_candidates=case.trace("num_candidates"),
-            candidates=tuple(_candidate(case, i) for i in case.candidate_ids()),
-            context=Context(*(leaf.item() for leaf in jax.tree.leaves(record.context))),
-            anchors=_anchors(case),
-            sets=tuple(_object_set(case, place) for place in range(len(record.sets.score))),
-            known_sets=tuple(
-                _known_set(case, turn)
-                for turn in range(case.num_passes)
-                if case.passes("undecided", turn)
-                and case.passes("status", turn) != GroupStatus.NONE
+            label=label,
+            name=name(object_id) if outcome.is_firm else _title(label, outcome, options, tracks),
+            outcome=outcome,
+            reason=Reason(int(d.reason[row])),
+            object_id=id_or_none(object_id),
+            decided_at=None if object_id == NO_ID else tracks.frame_index,
+            score=float(d.score[row]) if is_rated else None,
+            confidence=float(d.confidence[row]) if is_rated else None,
+            status=Status(int(d.status[row])),
+            best_score=float(d.best_score[row]),
+            second_score=float(d.second_score[row]),
+            lock=Lock(int(stages.lock[row])),
+            source=MatchOrigin(int(stages.source[row])),
+            assigned_id=id_or_none(stages.assigned_id[row]),
+            guarded_id=id_or_none(stages.guarded_id[row]),
+            swappable=tuple(np.flatnonzero((groups == groups[row]) & (groups >= 0)).tolist()),
+            why=(),
+            num_candidates=int(known.num_candidates[row]),
+            candidates=tuple(
+                _candidate(known.candidates, row, place, record, name)
+                for place in np.flatnonzero(known.candidates.id[row] != NO_ID).tolist()
             ),
-            pending=_pending(case, *(since or (tracks.frame_index, 0))),
-        )
+            context=Context(
+                bool(context.enabled), float(context.quality), bool(context.usable)
+            ),
+            anchors=tuple(
+                Anchor(int(k), int(known.anchor_id[k]), name(int(known.anchor_id[k])))
+                for k in np.flatnonzero(known.anchor_id != NO_ID)
+            ),
+            sets=_best_sets(record.sets, name),
+            known_sets=tuple(
+                _known_set(known.passes, row, turn, name)
+                for turn in range(known.passes.status.shape[1])
+                if known.passes.undecided[row, turn]
+                and known.passes.status[row, turn] != GroupStatus.NONE
+            ),
+            pending=None if d.pending_id[row] == NO_ID else PendingTrack(
+                "ambiguous" if outcome == Outcome.AMBIGUOUS else "provisional",
+                int(d.pending_id[row]),
+                options,
+            ),
+        )  # fmt: skip
+        why = give_reasons(explanation, options, cast(Thresholds, self._config.thresholds))
+        return dataclasses.replace(explanation, why=why)
 
 
-def _name(case: Case) -> str:
+def _title(label: str, outcome: Outcome, options: tuple[Option, ...], tracks: Tracks) -> str:
     """As `Tracks.display_name`, but with the objects that are really in question."""
-    options = [case.names.get(i) or str(i) for i, _ in case.options()]
-    if case.outcome in (Outcome.MATCH, Outcome.NEW):
-        return case.name(case.decision("object_id"))
-    if options and case.outcome in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):
-        return f"{case.label} {' or '.join(options)}?"
-    return f"{case.label} new?"
+    if options and outcome in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):
+        names = [tracks.names.get(one.object_id) or str(one.object_id) for one in options]
+        return f"{label} {' or '.join(names)}?"
+    return f"{label} new?"
 
 
-def _quality(case: Case) -> Quality:
-    quality, density = case.trace("quality").tolist(), case.trace("density").tolist()
-    return Quality(*quality, *density, effective_patches=case.trace("patch_sum"))
-
-
-def _candidate(case: Case, object_id: int) -> Candidate:
+def _candidate(
+    c: CandidateTrace, row: int, place: int, record: FrameRecord, name: Name
+) -> Candidate:
     def take(field: str) -> Any:
-        return case.candidate(object_id, field)
+        return getattr(c, field)[row, place]
 
-    sources = [SOURCES[code] for code in case.trace("source")]
-    names = (*TERMS, *MORE_TERMS)[: len(sources)]
-    columns = zip(names, take("value"), take("present"), take("weight"), sources, strict=True)
+    object_id = int(take("id"))
+    columns = zip(_TERMS, take("value"), take("present"), take("weight"), strict=False)
     return Candidate(
         object_id=object_id,
-        name=case.name(object_id),
-        lifecycle=Lifecycle(take("lifecycle")),
+        name=name(object_id),
+        lifecycle=Lifecycle(int(take("lifecycle"))),
+        unseen_frames=int(take("unseen_frames")),
         terms={
-            term: Term(float(score) if present else None, float(weight), source)
-            for term, score, present, weight, source in columns
+            term: Term(float(score) if present else None, float(weight))
+            for term, score, present, weight in columns
         },
-        veto=Veto(take("veto")),
-        gate=Gate(take("gate")),
-        held_by=case.holder(object_id, "object_id"),
-        **{name: take(name) for name in _AS_TRACED},
+        visual_score=float(take("visual_score")),
+        bonus=float(take("bonus")),
+        bonus_raw=float(take("bonus_raw")),
+        backed=bool(take("backed")),
+        veto=Veto(int(take("veto"))),
+        gate=Gate(int(take("gate"))),
+        plausible=bool(take("plausible")),
+        assignment_score=float(take("assignment_score")),
+        final_score=float(take("final_score")),
+        comparable_score=float(take("comparable_score")),
+        held_by=record.holder(object_id, other_than=row),
     )
 
 
-def _anchors(case: Case) -> tuple[Anchor, ...]:
-    ids = case.record.detections.anchor_id
-    return tuple(
-        Anchor(int(row), int(ids[row]), case.name(int(ids[row])))
-        for row in np.flatnonzero(ids != NO_ID)
-    )
+def _best_sets(sets: SetTrace, name: Name) -> tuple[ObjectSet, ...]:
+    """The best sets, each of other objects."""
+    best: dict[tuple[int, ...], ObjectSet] = {}
+    for place, members in enumerate(sets.member_id):
+        ids = tuple(int(i) for i in members if i != NO_ID)
+        score, coverage = float(sets.score[place]), float(sets.coverage[place])
+        best.setdefault(ids, ObjectSet(score, coverage, ids, tuple(map(name, ids))))
+    return tuple(best.values())[:_MAX_SETS]
 
 
-def _object_set(case: Case, place: int) -> ObjectSet:
-    sets = case.record.sets
-    ids, explained = case.record.set_members[place]
-    mine, decided = case.candidate_ids(), case.decision("object_id")
-    is_known = case.outcome == Outcome.MATCH
-    return ObjectSet(
-        score=float(sets.score[place]),
-        coverage=float(sets.coverage[place]),
-        density=float(sets.density[place]),
-        maturity=float(sets.maturity[place]),
-        object_ids=ids,
-        names=tuple(case.name(i) for i in ids),
-        detections=explained,
-        candidates=tuple(i for i in ids if i in mine),
-        agrees=decided in ids if is_known else None,
-    )
-
-
-def _known_set(case: Case, turn: int) -> KnownSet:
+def _known_set(passes: PassTrace, row: int, turn: int, name: Name) -> KnownSet:
     def take(field: str) -> Any:
-        return case.passes(field, turn)
+        return getattr(passes, field)[row, turn]
 
-    roots = case.record.detections.passes.root[:, turn]
-    return KnownSet(
-        turn=turn,
-        status=GroupStatus(take("status")),
-        reason=Reason(take("reason")),
-        detections=tuple(int(row) for row in np.flatnonzero(roots == take("root"))),
-        options=dict(case.options(turn)),
-        proposed_id=id_or_none(take("proposed_id")),
-        score=take("score"),
-        second=None if take("second") < 0 else take("second"),
-        core=take("core"),
-        core_gap=take("core_gap"),
-        evidence=take("evidence"),
-        voters=_voters(case, turn),
-    )
-
-
-def _voters(case: Case, turn: int) -> tuple[Voter, ...]:
-    def take(field: str) -> Any:
-        return case.passes(field, turn)
-
-    options, usual, episodes = take("option_id"), take("remembered"), take("num_remembered")
-    return tuple(
+    options = [int(i) for i in take("option_id") if i != NO_ID]
+    voters = tuple(
         Voter(
+            name=name(int(anchor)),
             object_id=int(anchor),
-            name=case.name(int(anchor)),
             detection=int(take("anchor_detection")[place]),
-            quality=float(take("anchor_quality")[place]),
             distance=float(take("distance")[place]),
             remembered={
-                int(i): float(usual[k, place])
-                for k, i in enumerate(options)
-                if i != NO_ID and episodes[k, place] > 0
+                option: float(take("remembered")[k, place])
+                for k, option in enumerate(options)
+                if take("num_remembered")[k, place] > 0
             },
         )
         for place, anchor in enumerate(take("anchor_id"))
         if anchor != NO_ID
     )
-
-
-def _pending(case: Case, first_frame: int, num_detections: int) -> PendingTrack | None:
-    if case.decision("pending_id") == NO_ID:
-        return None
-    blocked = dict(zip(case.decision("option_id"), case.decision("option_blocked"), strict=True))
-    return PendingTrack(
-        kind=_pending_kind(case.outcome),
-        track_id=case.decision("pending_id"),
-        first_frame=first_frame,
-        num_detections=num_detections,
-        options=tuple(
-            Option(i, case.name(i), score, bool(blocked[i])) for i, score in case.options()
-        ),
+    return KnownSet(
+        turn=turn,
+        status=GroupStatus(int(take("status"))),
+        reason=Reason(int(take("reason"))),
+        detections=tuple(np.flatnonzero(passes.root[:, turn] == take("root")).tolist()),
+        options=dict(zip(options, take("option_score").tolist(), strict=False)),
+        proposed_id=id_or_none(take("proposed_id")),
+        score=float(take("score")),
+        second=None if take("second") < 0 else float(take("second")),
+        core_gap=float(take("core_gap")),
+        evidence=float(take("evidence")),
+        voters=voters,
     )
-
-
-def _pending_kind(outcome: Outcome) -> str:
-    """The kind of track that an undecided detection belongs to."""
-    return "ambiguous" if outcome == Outcome.AMBIGUOUS else "provisional"
-
-
-def _follow_pending(tracks: Sequence[Tracks]) -> dict[tuple[int, int], tuple[int, int]]:
-    """First frame and count so far of the pending track of each undecided detection."""
-    seen: dict[tuple[str, int], tuple[int, int]] = {}
-    followed = {}
-    for frame in tracks:
-        for row, track in enumerate(frame.pending_id.tolist()):
-            # Objects that wait to be announced are no undecided tracks.
-            if track == NO_ID or frame.reason[row] == Reason.SEEN_TOO_FEW_TIMES:
-                continue
-            key = (_pending_kind(Outcome(int(frame.outcome[row]))), track)
-            first, count = seen.get(key, (frame.frame_index, 0))
-            seen[key] = followed[frame.frame_index, row] = (first, count + 1)
-    return followed

@@ -1,32 +1,23 @@
-"""Why the paper's tracker took a detection for what it did: everything the decision was made of."""
+"""Why the paper's tracker took a detection for what it did: everything the decision was made of.
+
+Scores lie in [0, 1], those with context may exceed 1.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
-from remind_jax.decision import Status
+from remind_jax.decision import Reason, Status
 from remind_jax.explanation.explanation import Explanation, lay_out, say_code, wrap
-from remind_jax.explanation.remind.evidence import (
-    Anchor,
-    Candidate,
-    Context,
-    KnownSet,
-    ObjectSet,
-    PendingTrack,
-    Quality,
-    Term,
-)
-from remind_jax.printing.words import change, listing, number, plural
+from remind_jax.printing.words import change, listing, number
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
+from remind_jax.remind.disambiguation.joint_assignments import GroupStatus
 from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.stages import Lock, MatchOrigin
 
-SHOWN_SETS = 5
-
-GATES = {
+_GATES = {
     Gate.NONE: "no",
     Gate.BLOCK_MIN_MATCH: "no: too unlike",
     Gate.BLOCK_MATCH_THR: "no: below match",
@@ -34,13 +25,115 @@ GATES = {
     Gate.PASS_MATCH_THR: "open",
     Gate.SETS_RESCUE: "open: rescued",
 }
-VETOES = {
-    Veto.NONE: "",
+_VETOES = {
     Veto.OUTSIDE_CTX: "no: ruled out, class",
     Veto.LOCAL_CTX_CONTRADICTION: "no: ruled out, neighbors",
 }
 
-_COLUMNS = ("visual", "context", "assign", "final", "common", "open to assignment")
+
+@dataclasses.dataclass(frozen=True)
+class Term:
+    """One visual channel of a candidate."""
+
+    score: float | None  # None: nothing to compare
+    weight: float  # after the quality of observation and prototype
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """A known object that the detection was compared with."""
+
+    object_id: int
+    name: str
+    lifecycle: Lifecycle  # before the frame
+    unseen_frames: int
+    terms: dict[str, Term]  # by channel
+    visual_score: float  # weighted mean of the terms
+    bonus: float  # from context, as applied
+    bonus_raw: float  # from context, had it been allowed
+    backed: bool  # clearly supported by context
+    veto: Veto
+    gate: Gate
+    plausible: bool  # not vetoed
+    assignment_score: float  # what the joint assignment maximized
+    final_score: float  # what was tested for acceptance
+    comparable_score: float  # on the evidence that all plausible candidates have, with context
+    held_by: int | None  # other detection that got it
+
+
+@dataclasses.dataclass(frozen=True)
+class Context:
+    """The context of the frame."""
+
+    enabled: bool
+    quality: float
+    usable: bool  # good enough to change scores
+
+
+@dataclasses.dataclass(frozen=True)
+class Anchor:
+    """A detection so clear that its object counts as seen when surroundings are judged."""
+
+    detection: int
+    object_id: int
+    name: str
+
+
+@dataclasses.dataclass(frozen=True)
+class ObjectSet:
+    """Objects that may be in view together."""
+
+    score: float
+    coverage: float
+    object_ids: tuple[int, ...]
+    names: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Voter:
+    """An object whose distances distinguish the members of a group."""
+
+    name: str
+    object_id: int
+    detection: int
+    distance: float  # from the detection to it, in object sizes
+    remembered: dict[int, float]  # usual distance of each object in question to it
+
+
+@dataclasses.dataclass(frozen=True)
+class KnownSet:
+    """What layout said about a closed group in one pass of the reconciliation."""
+
+    turn: int  # pass, from 0
+    status: GroupStatus
+    reason: Reason  # why the detection was undecided
+    detections: tuple[int, ...]
+    options: dict[int, float]  # objects that this detection could be, with scores
+    proposed_id: int | None  # object of this detection in the best joint assignment
+    score: float
+    second: float | None  # of the runner-up
+    core_gap: float  # lead of the score without appearance
+    evidence: float
+    voters: tuple[Voter, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Option:
+    """An object that an undecided detection could be."""
+
+    object_id: int
+    name: str
+    score: float
+    blocked: bool  # held by another detection
+
+
+@dataclasses.dataclass(frozen=True)
+class PendingTrack:
+    """The track of undecided detections that this one belongs to."""
+
+    kind: str  # "ambiguous" or "provisional"
+    track_id: int  # numbered per kind
+    options: tuple[Option, ...]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -48,19 +141,18 @@ class RemindExplanation(Explanation):
     """Why one detection became what it became."""
 
     FORMAT = "remind-jax explanation"
+    VERSION = 2
     OF_FRAME = ("anchors", "context", "sets")
 
     score: float | None  # with what context added, can exceed 1; None: there is none
     status: Status  # of the visual scores
-    status_final: Status  # of the final scores of open candidates
     best_score: float
     second_score: float
-    num_close: int
     lock: Lock
     source: MatchOrigin
     assigned_id: int | None  # after locks and joint assignment
     guarded_id: int | None  # after the guard of look-alikes
-    quality: Quality
+    swappable: tuple[int, ...]  # detections of its group of look-alikes
     num_candidates: int  # in all
     candidates: tuple[Candidate, ...]  # the best of them, by falling visual score
     context: Context
@@ -69,16 +161,18 @@ class RemindExplanation(Explanation):
     known_sets: tuple[KnownSet, ...]
     pending: PendingTrack | None
 
-    def shortened(self) -> RemindExplanation:
-        """The same with the best sets only, each of other objects."""
-        return dataclasses.replace(self, sets=distinct_sets(self.sets)[:SHOWN_SETS])
+    def name_of(self, object_id: int) -> str:
+        """`mug 4`, or the name that people gave it."""
+        named = {candidate.object_id: candidate.name for candidate in self.candidates}
+        return named.get(object_id, f"{self.label} {object_id}")
 
     def _numbers(self) -> dict[str, float | None]:
         return {"score with context": self.score, "confidence": self.confidence}
 
     def _render_details(self, width: int | None) -> Iterator[list[str]]:
         if self.candidates:
-            yield [*wrap(_candidates_title(self), width), *_candidates(self, width)]
+            title = f"candidates ({len(self.candidates)} of {self.num_candidates})"
+            yield [title, *_candidates(self, width)]
         yield _surroundings(self, width)
         for known in self.known_sets:
             if known.proposed_id is not None:
@@ -87,26 +181,17 @@ class RemindExplanation(Explanation):
             yield wrap(_pending(self.pending), width)
 
 
-def _candidates_title(e: RemindExplanation) -> str:
-    q = e.quality
-    shown = f"{len(e.candidates)} of {e.num_candidates}" if e.num_candidates else "none"
-    return (
-        f"candidates ({shown}); seen well: object {number(q.object)}, background "
-        f"{number(q.background)}, parts {number(q.parts)}; density {number(q.object_density)}, "
-        f"{q.effective_patches:.1f} patches"
-    )
-
-
 def _candidates(e: RemindExplanation, width: int | None) -> list[str]:
     terms = [f"{term.replace('_', ' ')} x w" for term in e.candidates[0].terms]
-    heads = ("candidate", "state", *terms, *_COLUMNS)
+    scores = ("visual", "context", "assign", "final", "common")
+    heads = ("candidate", "state", *terms, *scores, "open to assignment")
     rows = [
         (
             f"{'*' if c.object_id == e.object_id else ' '} {c.name}",
-            _state(c),
+            c.lifecycle.name.lower() + (f", unseen {c.unseen_frames}" if c.unseen_frames else ""),
             *map(_term, c.terms.values()),
             number(c.visual_score),
-            _context(c),
+            _bonus(c),
             number(c.assignment_score),
             number(c.final_score),
             number(c.comparable_score) if c.plausible else "",
@@ -117,17 +202,11 @@ def _candidates(e: RemindExplanation, width: int | None) -> list[str]:
     return lay_out((heads, *rows), (0, 1, len(heads) - 1), width)
 
 
-def _state(c: Candidate) -> str:
-    if c.lifecycle == Lifecycle.INACTIVE or c.unseen_frames:
-        return f"{c.lifecycle.name.lower()}, unseen {c.unseen_frames}"
-    return c.lifecycle.name.lower()
-
-
 def _term(term: Term) -> str:
     return "-" if term.score is None else f"{number(term.score)} x {number(term.weight)}"
 
 
-def _context(c: Candidate) -> str:
+def _bonus(c: Candidate) -> str:
     backed = "backed " if c.backed else ""
     if c.bonus != c.bonus_raw:
         return f"{backed}({change(c.bonus_raw)})"
@@ -135,7 +214,7 @@ def _context(c: Candidate) -> str:
 
 
 def _openness(c: Candidate) -> str:
-    openness = VETOES[c.veto] or GATES[c.gate]
+    openness = _VETOES.get(c.veto) or _GATES[c.gate]
     return openness if c.held_by is None else f"{openness}; detection {c.held_by} got it"
 
 
@@ -145,78 +224,42 @@ def _surroundings(e: RemindExplanation, width: int | None) -> list[str]:
     lines = [f"context of the frame: {state}, quality {number(e.context.quality)}"]
     anchors = [f"{anchor.name} (detection {anchor.detection})" for anchor in e.anchors]
     lines += wrap(f"anchors: {', '.join(anchors) or 'none'}", width)
-    return lines + (_sets(e, width) if e.sets else [])
-
-
-def _sets(e: RemindExplanation, width: int | None) -> list[str]:
-    """The best sets, one line for those of the same objects."""
-    times = Counter(found.object_ids for found in e.sets)
-    distinct = distinct_sets(e.sets)
-    agree = sum(bool(found.agrees) for found in e.sets)
-    voted = "" if e.sets[0].agrees is None else f"; {agree} of {len(e.sets)} agree"
-    shown = min(len(distinct), SHOWN_SETS)
-    lines = wrap(
-        f"sets of objects that explain the frame best ({shown} of {len(distinct)}{voted}), "
-        "candidates of this detection in brackets",
-        width,
-    )
-    for found in distinct[:SHOWN_SETS]:
-        members = ", ".join(
-            f"[{name}]" if i in found.candidates else name
-            for i, name in zip(found.object_ids, found.names, strict=True)
-        )
-        agrees = "" if found.agrees is None else ", agrees" if found.agrees else ", disagrees"
-        count = f", {times[found.object_ids]} ways" if times[found.object_ids] > 1 else ""
-        head = f"  {number(found.score)} (covers {number(found.coverage)}{count}{agrees}): "
-        lines += wrap(head + members, width, indent=8)
+    if e.sets:
+        title = "sets of objects that explain the frame best, candidates of this detection in []"
+        lines += wrap(title, width)
+    mine = {candidate.object_id for candidate in e.candidates}
+    for found in e.sets:
+        pairs = zip(found.object_ids, found.names, strict=True)
+        members = ", ".join(f"[{name}]" if i in mine else name for i, name in pairs)
+        covers = f"  {number(found.score)} (covers {number(found.coverage)}): "
+        lines += wrap(covers + members, width, indent=8)
     return lines
 
 
-def distinct_sets(sets: Sequence[ObjectSet]) -> tuple[ObjectSet, ...]:
-    """The best of the sets of the same objects, which explain other detections by them."""
-    best: dict[tuple[int, ...], ObjectSet] = {}
-    for found in sets:
-        best.setdefault(found.object_ids, found)
-    return tuple(best.values())
-
-
 def _known_set(e: RemindExplanation, known: KnownSet, width: int | None) -> list[str]:
-    names = {c.object_id: c.name for c in e.candidates}
-
-    def name(object_id: int) -> str:
-        return names.get(object_id, f"{e.label} {object_id}")
-
+    assert known.proposed_id is not None
+    detections = listing([str(row) for row in known.detections])
+    options = [f"{e.name_of(i)} ({number(score)})" for i, score in known.options.items()]
+    second = "none" if known.second is None else number(known.second)
     lines = wrap(
-        f"layout, pass {known.turn + 1}: {say_code(known.status)}; detections "
-        f"{listing([str(row) for row in known.detections])}; in question "
-        f"{listing([f'{name(i)} ({number(s)})' for i, s in known.options.items()], 'or')}",
+        f"layout, pass {known.turn + 1}: {say_code(known.status)}; detections {detections}; in "
+        f"question {listing(options, 'or')}; proposed {e.name_of(known.proposed_id)}: score "
+        f"{number(known.score)} (second {second}), layout alone ahead by {number(known.core_gap)}, "
+        f"evidence {number(known.evidence)}",
         width,
     )
-
-    if known.proposed_id is not None:
-        second = "none" if known.second is None else number(known.second)
-        lines += wrap(
-            f"  proposed {name(known.proposed_id)}: score {number(known.score)} (second {second}), "
-            f"layout alone {number(known.core)} (ahead by {number(known.core_gap)}), evidence "
-            f"{number(known.evidence)}",
-            width,
-            indent=4,
-        )
     if known.voters:
-        head = ("voter", "separates", "away now", *(f"{name(i)} usually" for i in known.options))
+        heads = ("voter", "away now", *(f"{e.name_of(i)} usually" for i in known.options))
         rows = [
             (
                 f"{voter.name} (detection {voter.detection})",
-                number(voter.quality),
                 number(voter.distance),
-                *(
-                    number(voter.remembered[i]) if i in voter.remembered else "-"
-                    for i in known.options
-                ),
+                *(number(voter.remembered[i]) if i in voter.remembered else "-"
+                  for i in known.options),
             )
             for voter in known.voters
-        ]
-        lines += lay_out((head, *rows), (0,), width)
+        ]  # fmt: skip
+        lines += lay_out((heads, *rows), (0,), width)
     return lines
 
 
@@ -225,7 +268,4 @@ def _pending(p: PendingTrack) -> str:
         f"{option.name} ({number(option.score)}{', held by another' if option.blocked else ''})"
         for option in p.options
     ]
-    return (
-        f"{p.kind} track {p.track_id}: {plural(p.num_detections, 'detection')} since frame "
-        f"{p.first_frame}; could be {listing(options, 'or') or 'nothing known'}"
-    )
+    return f"{p.kind} track {p.track_id}: could be {listing(options, 'or') or 'nothing known'}"

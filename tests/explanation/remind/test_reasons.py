@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from remind_jax.config import Config
-from remind_jax.decision import Outcome, Reason, Status
-from remind_jax.explanation.remind.reasons import give_reasons
+from remind_jax.decision import Outcome, Reason
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.memory.objects import Lifecycle
-from tests.explanation.scenes import backed, case_of, chain, decide_frame
+from tests.explanation.scenes import backed, chain, decide_frame, explain
 
 HOLDS = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
 TWO_BACKED = {0: backed(0.05), 1: backed(0.05)}
@@ -32,7 +30,7 @@ EXAMPLES = {
         [{0: 0.91, 1: 0.85}],
         {},
         0,
-        ["ahead by only 0.06 < 0.08", "6.59 % apart, within 10 %", "Open between mug 0 and mug 1"],
+        ["AMBIGUOUS evidence: ahead by 0.06", "Open between mug 0 and mug 1"],
     ),
     "6, just clear": (
         [{0: 0.80, 1: 0.7195}],
@@ -46,50 +44,38 @@ EXAMPLES = {
         0,
         [
             "Mug 0, which it looks most like, goes to detection 1",
-            "Detections 0 and 1 could swap their objects: the best joint assignment leads by only "
-            "0.03 <= 0.05, so the match with mug 1 is withdrawn",
+            "Detections 0 and 1 could swap their objects, so the match with mug 1 is withdrawn",
         ],
     ),
     "11, a birth beside a match": (
         [{0: 0.93}, {0: 0.90}],
         {},
         1,
-        [
-            "Detection 0 holds mug 0, and detection 1, which would be new, claims it too: 0.93 "
-            "and 0.90, both at least 0.75 and 0.03 <= 0.05 apart",
-            "Open between mug 0 and mug 1",
-        ],
+        ["claims an object that another holds with nearly", "Open between mug 0 and mug 1"],
     ),
     "17, the uncertain gives way": (
         [{0: 0.80, 1: 0.79}, {0: 0.79}, {1: 0.95}],
         {"lifecycle": Lifecycle.INACTIVE},
         0,
-        [
-            "gives mug 0 to detection 1 and leaves this one without an object",
-            "A new object: mug 2",
-        ],
+        ["No object is assigned to it: mug 0 goes to detection 1", "A new object: mug 2"],
     ),
     "18, a near miss": (
         [{0: 0.74, 1: 0.50}],
         {},
         0,
-        ["misses the threshold 0.75 by only 0.010 <= 0.02", "Probably mug 0, to be confirmed"],
+        ["misses the threshold (0.74 < 0.75)", "Probably mug 0, to be confirmed"],
     ),
     "20, a near miss that is taken": (
         [{0: 0.95}, {0: 0.74}],
         {},
         1,
-        ["but detection 0 holds it", "Probably new; mug 0 cannot be excluded"],
+        ["that another detection holds", "Probably new; mug 0 cannot be excluded"],
     ),
     "21, unlike": (
         [{0: 0.50}],
         {},
         0,
-        [
-            "mug 0 looks too unlike (0.50 < 0.60)",
-            "no look misses the threshold 0.75",
-            "A new object: mug 1",
-        ],
+        ["mug 0 looks too unlike (0.50 < 0.60)", "A new object: mug 1"],
     ),
     "22, a rescue": (
         [{0: 0.66, 1: 0.55}],
@@ -101,37 +87,25 @@ EXAMPLES = {
         [{0: 0.78}],
         {"context": {0: {"bonus_raw": -0.05, "score_sets": -1.0}}},
         0,
-        ["contradicts mug 0 (-0.05)", "after the penalty of -0.05 the score is 0.73 < 0.75"],
-    ),
-    "24, backed but short": (
-        [{0: 0.64, 1: 0.30}],
-        {"context": {0: backed(0.05)}},
-        0,
-        ["+0.05 from context does not lift it there", "Context backs mug 0 to 0.69 >= 0.60"],
+        ["contradicts mug 0 (-0.05)", "is open, but with context 0.73 < 0.75"],
     ),
     "25, context may not help the strong": (
         [{0: 0.95}, {0: 0.70}],
         {"context": {0: backed(0.05)}},
         0,
-        ["backs mug 0 (+0.05), but the evidence is strong without it"],
-    ),
-    "26, a backed rival": (
-        [{0: 0.84, 1: 0.78}],
-        {"context": {1: backed(0.05)}},
-        0,
-        ["Context does not back mug 0 but mug 1, which scores nearly the same: 0.06 <= 0.08"],
+        ["backs mug 0 (+0.05), but is not allowed to change"],
     ),
     "28, two backed": (
         [{0: 0.66, 1: 0.65}],
         {"context": TWO_BACKED},
         0,
-        ["Context backs several", "mug 0 (0.71) and mug 1 (0.70)", "0.01 <= 0.05 apart"],
+        ["Context backs several", "mug 0 (0.71) and mug 1 (0.70)"],
     ),
     "30, no object but two backed": (
         [{0: 0.95, 1: 0.30}, {0: 0.80, 1: 0.66}],
         {"context": TWO_BACKED, "lifecycle": Lifecycle.INACTIVE},
         1,
-        ["mug 0 was locked by detection 0", "well enough (0.85 >= 0.60): mug 0 (0.85) and mug 1"],
+        ["mug 0 goes to detection 0", "context backs known ones well enough: mug 0 (0.85)"],
     ),
 }
 
@@ -145,24 +119,15 @@ def test_worked_examples_are_explained_with_their_numbers(rows, around, detectio
         assert part in sentences
 
 
-def test_a_veto_is_explained_with_what_ruled_the_candidate_out():
+def test_a_veto_is_named():
     record = decide_frame(
         [{0: 0.9, 1: 0.88}],
         context={0: backed(0.05)},
         vetoes={(0, 1): Veto.LOCAL_CTX_CONTRADICTION},
     )
     sentences = " ".join(chain(record, 0))
-    assert "Context rules out mug 1: of 0 objects usually seen with it 0 are in view" in sentences
+    assert "Context rules out mug 1." in sentences
     assert "Matched as mug 0" in sentences
-
-
-def test_a_configuration_that_uses_no_context_says_so():
-    """The scores stay, and not because the evidence is strong."""
-    record = decide_frame([{0: 0.95}, {0: 0.70}], context={0: backed(0.05)})
-    status = np.full_like(record.decisions.status, Status.WEAK)
-    record = dataclasses.replace(record, decisions=record.decisions.replaced(status=status))
-    sentences = " ".join(chain(record, 0))
-    assert "uses no context where the evidence is weak, so the scores stay" in sentences
 
 
 def test_nothing_known_is_a_short_story():
@@ -185,27 +150,12 @@ def test_a_second_claim_is_given_up_in_words():
         "option_score": np.array([[0, 0, 0], [0.60, 0.92, 0]]),
     }
     record = dataclasses.replace(record, decisions=d.replaced(**changes))
-    sentences = chain(record, 1)
-    assert sentences[-2:] == [
-        "It was matched with mug 0 (0.60), but detection 0 keeps it with the better score (0.93).",
-        "Open between mug 0 and mug 1 (ambiguous track -1).",
+    assert chain(record, 1)[-2:] == [
+        "Its match was given up for another detection with a better score: mug 0 (0.60) and "
+        "mug 1 (0.92).",
+        "Open between mug 0 and mug 1.",
     ]
-    assert "keeps it" not in " ".join(chain(record, 0))
-
-
-def test_an_identity_given_twice_is_pointed_out():
-    record = decide_frame([{0: 0.93, 1: 0.62}, {0: 0.60, 1: 0.92}])
-    twice = record.decisions.replaced(object_id=np.array([0, 0]))
-    sentences = chain(dataclasses.replace(record, decisions=twice), 1)
-    assert "Detection 0 is matched with the same object: the frame holds it twice." in sentences
-
-
-def test_greedy_assignment_is_called_so():
-    record = decide_frame([{0: 0.89}, {0: 0.85}])
-    config = Config().updated({"static": {"assignment": "greedy"}})
-    sentences = " ".join(give_reasons(case_of(record, 1, config)))
-    assert "The greedy assignment gives mug 0 to detection 0" in sentences
-    assert "joint" not in sentences
+    assert "given up" not in " ".join(chain(record, 0))
 
 
 def drawn_frames(num: int):
@@ -245,21 +195,21 @@ def test_every_comparison_that_is_shown_holds(drawn):
             ):
                 assert HOLDS[sign](float(left), float(right))
                 count += 1
-    assert count > 1000
+    assert count > 500
 
 
 def test_the_verdict_is_the_decision(drawn):
     seen = set()
     for record in drawn:
         for row in range(len(record)):
-            case, verdict = case_of(record, row), chain(record, row)[-1]
-            object_id, options = case.decision("object_id"), [i for i, _ in case.options()]
-            named = [int(i) for i in re.findall(r"mug (\d+)", verdict)]
-            if case.outcome in (Outcome.MATCH, Outcome.NEW):
-                assert named == [object_id]
+            explanation = explain(record, row)
+            options = record.decisions.option_id[row]
+            named = [int(i) for i in re.findall(r"mug (\d+)", explanation.why[-1])]
+            if explanation.outcome in (Outcome.MATCH, Outcome.NEW):
+                assert named == [explanation.object_id]
             else:
-                assert named == options
-            seen.add(case.reason)
+                assert named == options[options >= 0].tolist()
+            seen.add(explanation.reason)
     assert len(seen) >= 9  # of the 15 reasons that a usable detection can have
 
 
@@ -272,15 +222,3 @@ def test_no_sentence_is_given_twice_or_lacks_a_number(drawn):
                 assert text.endswith(".")
                 assert "None" not in text
                 assert "nan" not in text
-
-
-def test_who_is_locked_leads_by_the_gap_of_a_lock(drawn):
-    """The rival named beside a lock is one that the lock really beat."""
-    num_locks = 0
-    for record in drawn:
-        for row in range(len(record)):
-            lead = re.search(r"ahead of .*, by ([\d.]+) >= 0.10", " ".join(chain(record, row)))
-            if lead:
-                num_locks += 1
-                assert float(lead[1]) >= 0.0999
-    assert num_locks > 5
