@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
 import jax
@@ -68,12 +68,21 @@ class AtRest(Protocol):
         """Lets so many objects at rest go; gives their ids."""
         ...
 
-    def tensors(self) -> dict[str, np.ndarray]:
-        """All of it as arrays by name, for a file."""
+    def snapshot(self) -> Any:
+        """What there is now, for `tensors`."""
         ...
 
-    def restore(self, tensors: Mapping[str, np.ndarray], state: Any, num_classes: int) -> None:
-        """Goes on from what `tensors` gave, beside this memory; raises ValueError if it cannot."""
+    def tensors(self, since: Any = None) -> dict[str, np.ndarray]:
+        """What changed since a snapshot as arrays by name, for a file; all of it without one."""
+        ...
+
+    def restore(
+        self, parts: Sequence[Mapping[str, np.ndarray]], state: Any, num_classes: int
+    ) -> None:
+        """Goes on from what `tensors` gave, all and then changes, beside this memory.
+
+        Raises ValueError or KeyError if it cannot.
+        """
         ...
 
 

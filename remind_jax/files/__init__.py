@@ -11,6 +11,7 @@ from remind_jax.files.reading import read_bytes as read_bytes
 from remind_jax.files.reading import read_text as read_text
 from remind_jax.files.reading import reading as reading
 from remind_jax.files.reading import say_no_file as say_no_file
+from remind_jax.files.saving import append_durably as append_durably
 from remind_jax.files.saving import make_folder as make_folder
 from remind_jax.files.saving import remove_unfinished as remove_unfinished
 from remind_jax.files.saving import replace_file as replace_file

@@ -108,6 +108,18 @@ def replacing(path: Path, *also: type[Exception], durably: bool = False) -> Iter
             partial.unlink(missing_ok=True)
 
 
+def append_durably(path: Path, content: bytes) -> None:
+    """Adds to a file, which there is, and returns when that is on the disk.
+
+    Raises:
+      OutputError: If it cannot be written; the file may end with a part of it.
+    """
+    with writing(path), path.open("ab") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
 @contextlib.contextmanager
 def replacing_folder(path: Path, beside: Path) -> Iterator[Path]:
     """A folder to fill, which takes the place of another one when the block is left well.

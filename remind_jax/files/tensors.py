@@ -6,12 +6,22 @@ import dataclasses
 import zipfile
 from collections.abc import Collection
 from pathlib import Path
-from typing import IO
+from typing import IO, Annotated
 
+import msgspec
 import numpy as np
 
 from remind_jax.files import limits
-from remind_jax.files.reading import Family, check_regular, check_size, reading, say_bytes
+from remind_jax.files.reading import (
+    Family,
+    check_regular,
+    check_size,
+    read_bytes,
+    reading,
+    say_bytes,
+)
+
+_Offset = Annotated[int, msgspec.Meta(ge=0, le=limits.MAX_TENSOR_BYTES)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +61,70 @@ def read_safetensors_header(
                 for name, part in slices.items()
             }
             return SafetensorsHeader(dict(file.metadata() or {}), tensors)
+
+
+@dataclasses.dataclass(frozen=True)
+class SafetensorsPart:
+    """What one of several safetensors in a file holds."""
+
+    metadata: dict[str, str]
+    tensors: dict[str, np.ndarray]
+
+
+def read_safetensors_parts(
+    path: str | Path, *, refused: Family, max_bytes: int = limits.MAX_TENSOR_BYTES
+) -> tuple[list[SafetensorsPart], bool]:
+    """Reads safetensors that lie in a file one after another; also says whether the last is whole.
+
+    Where it is not, as after a kill while it was added, the parts before it are given.
+
+    Raises:
+      RemindError: Of kind `refused`, if the file cannot be read or is too large, or the first part
+        is not whole.
+    """
+    from safetensors.numpy import load
+
+    parts: list[SafetensorsPart] = []
+    with reading(path, refused):
+        data = read_bytes(path, max_bytes)
+        start = 0
+        while start < len(data) or not parts:
+            header, end = _header_at(data, start)
+            try:
+                tensors = load(data if (start, end) == (0, len(data)) else data[start:end])
+            except Exception:  # of somebody else's code
+                if parts:
+                    return parts, False
+                raise
+            metadata = msgspec.json.decode(header, type=_Description).metadata
+            parts.append(SafetensorsPart(metadata, tensors))
+            start = end
+    return parts, True
+
+
+class _Placed(msgspec.Struct):
+    """Where a tensor lies; of the description, nowhere."""
+
+    data_offsets: tuple[_Offset, _Offset] = (0, 0)
+
+
+class _Description(msgspec.Struct):
+    metadata: dict[str, str] = msgspec.field(name="__metadata__", default_factory=dict)
+
+
+def _header_at(data: bytes, start: int) -> tuple[bytes, int]:
+    """The header of safetensors in the middle of a file, and where they end as it says.
+
+    That is the end of the file where it does not say so.
+    """
+    first = start + 8
+    header = data[first : first + int.from_bytes(data[start:first], "little")]
+    try:
+        placed = msgspec.json.decode(header, type=dict[str, _Placed])
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return header, len(data)
+    last = max((one.data_offsets[1] for one in placed.values()), default=0)
+    return header, first + len(header) + last
 
 
 def read_npz(

@@ -58,6 +58,14 @@ class Resting:
         return int(self.values["id"])
 
 
+@dataclasses.dataclass(frozen=True)
+class Snapshot:
+    """What an archive held at some time; what it holds is replaced, never changed."""
+
+    resting: Mapping[int, Resting] = dataclasses.field(default_factory=dict)
+    partners: Mapping[int, np.ndarray] = dataclasses.field(default_factory=dict)
+
+
 class Archive:
     """All objects at rest, by id, and whom each object was seen with.
 
@@ -178,29 +186,46 @@ class Archive:
 
         return sorted(self._resting, key=worth)[:num]
 
-    def tensors(self) -> dict[str, np.ndarray]:
-        """Everything as arrays by name, for a file; nothing if nothing rests."""
-        if not self._resting:
-            return {}
-        resting = list(self._resting.values())
-        found = {name: np.stack([one.values[name] for one in resting]) for name in _COPIED}
-        found["num_looks"] = np.array([len(one.bank) for one in resting], np.int32)
-        found["bank"] = np.concatenate([one.bank for one in resting])
-        found["bank_count"] = np.concatenate([one.bank_count for one in resting])
-        found["partners_of"] = np.array(list(self._partners), np.int32)
-        found["num_partners"] = np.array([len(one) for one in self._partners.values()], np.int32)
-        partners = np.concatenate([*self._partners.values(), NO_PARTNERS])
-        found |= {f"partners.{name}": np.array(partners[name]) for name in _PARTNER.names or ()}
+    def snapshot(self) -> Snapshot:
+        """What it holds now."""
+        return Snapshot(dict(self._resting), dict(self._partners))
+
+    def tensors(self, since: Snapshot | None = None) -> dict[str, np.ndarray]:
+        """What changed as arrays by name, for a file.
+
+        Args:
+          since: What the file has already; nothing if left out.
+        """
+        before = since or Snapshot()
+        resting = [new for one, new in self._resting.items() if before.resting.get(one) is not new]
+        partners = {
+            one: new for one, new in self._partners.items() if before.partners.get(one) is not new
+        }
+        found = {
+            "gone": _whole(before.resting.keys() - self._resting.keys()),
+            "partners_gone": _whole(before.partners.keys() - self._partners.keys()),
+        }
+        found = {name: ids for name, ids in found.items() if len(ids)}
+        if resting:
+            found |= {name: np.stack([one.values[name] for one in resting]) for name in _COPIED}
+            found["num_looks"] = _whole(len(one.bank) for one in resting)
+            found["bank"] = np.concatenate([one.bank for one in resting])
+            found["bank_count"] = np.concatenate([one.bank_count for one in resting])
+        if partners:
+            found["partners_of"] = _whole(partners)
+            found["num_partners"] = _whole(len(one) for one in partners.values())
+            values = np.concatenate([*partners.values()])
+            found |= {f"partners.{name}": np.array(values[name]) for name in _PARTNER.names or ()}
         return found
 
     @classmethod
     def restored(
-        cls, tensors: Mapping[str, np.ndarray], state: PlusState, num_classes: int
+        cls, parts: Sequence[Mapping[str, np.ndarray]], state: PlusState, num_classes: int
     ) -> Archive:
         """What `tensors` gave.
 
         Args:
-          tensors: By name.
+          parts: The first of everything, each other one of what changed since the one before.
           state: The memory beside it.
           num_classes: Classes that there are.
 
@@ -208,22 +233,19 @@ class Archive:
           ValueError: If they do not belong together.
           KeyError: If one is missing.
         """
-        archive = cls()
-        if not tensors:
-            return archive
-        _check(tensors, state, num_classes)
-        starts = np.cumsum(tensors["num_looks"])[:-1]
-        looks, counts = (np.split(tensors[name], starts) for name in ("bank", "bank_count"))
-        resting = [
-            Resting({name: np.array(tensors[name][row]) for name in _COPIED}, *both)
-            for row, both in enumerate(zip(looks, counts, strict=True))
-        ]
-        archive._put(resting, state.scene)
-        partners = np.zeros(len(tensors["partners.id"]), _PARTNER)
-        for name in _PARTNER.names or ():
-            partners[name] = tensors[f"partners.{name}"]
-        of_each = np.split(partners, np.cumsum(tensors["num_partners"])[:-1])
-        archive._partners = dict(zip(tensors["partners_of"].tolist(), of_each, strict=True))
+        archive, resting = cls(), {}
+        for tensors in parts:
+            holds_objects = not tensors.keys().isdisjoint(_COPIED)
+            changed = _resting_of(tensors, state.objects) if holds_objects else {}
+            for one in (*tensors.get("gone", _whole([])).tolist(), *changed):
+                resting.pop(one, None)  # what rests anew comes last, as it did
+            resting |= changed
+            for one in tensors.get("partners_gone", _whole([])).tolist():
+                archive._partners.pop(one, None)
+            if "partners_of" in tensors or changed:
+                archive._partners |= _partners_in(tensors)
+        _check(resting, state, num_classes)
+        archive._put(list(resting.values()), state.scene)
         return archive
 
     def _put(self, resting: Sequence[Resting], scene: Scene) -> None:
@@ -248,9 +270,8 @@ class Archive:
         return both[np.argsort(-both["covisible"], kind="stable")[:MAX_PARTNERS]]
 
 
-def _check(tensors: Mapping[str, np.ndarray], state: PlusState, num_classes: int) -> None:
-    """Makes sure that arrays of a file describe objects at rest beside this memory."""
-    blank = state.objects
+def _resting_of(tensors: Mapping[str, np.ndarray], blank: Objects) -> dict[int, Resting]:
+    """Objects at rest by id, from arrays of a file that may be damaged."""
     num = len(tensors["id"])
     for name in (*_COPIED, "bank", "bank_count"):
         leaf, own = getattr(blank, name), tensors[name]
@@ -264,19 +285,42 @@ def _check(tensors: Mapping[str, np.ndarray], state: PlusState, num_classes: int
     _require(tensors["bank"].shape == (looks, np.shape(blank.bank)[2]), "looks are missing")
     _require(tensors["bank_count"].shape == (looks,), "counts of looks are missing")
     _require(bool(np.all(tensors["bank_count"] > 0)), "a look was never seen")
-    ids, present = tensors["id"], np.asarray(blank.id)
-    _require(len(np.unique(ids)) == num, "an id is there twice")
+    _require(len(np.unique(tensors["id"])) == num, "an id is there twice")
+    starts = np.cumsum(num_looks)[:-1]
+    kept = (np.split(tensors[name], starts) for name in ("bank", "bank_count"))
+    found = [
+        Resting({name: np.array(tensors[name][row]) for name in _COPIED}, *both)
+        for row, both in enumerate(zip(*kept, strict=True))
+    ]
+    return {one.id: one for one in found}
+
+
+def _partners_in(tensors: Mapping[str, np.ndarray]) -> dict[int, np.ndarray]:
+    """Partners by id of the object, from arrays of a file that may be damaged."""
+    num_partners = tensors["num_partners"]
+    _require(num_partners.shape == tensors["partners_of"].shape, "partners are missing")
+    within = (num_partners >= 0) & (num_partners <= MAX_PARTNERS)
+    _require(bool(np.all(within)), "too many partners")
+    partners = np.zeros(int(num_partners.sum()), _PARTNER)
+    for name in _PARTNER.names or ():
+        expected = (len(partners), *_PARTNER[name].shape)
+        _require(tensors[f"partners.{name}"].shape == expected, "partners are missing")
+        partners[name] = tensors[f"partners.{name}"]
+    of_each = np.split(partners, np.cumsum(num_partners)[:-1])
+    return dict(zip(tensors["partners_of"].tolist(), of_each, strict=True))
+
+
+def _check(resting: Mapping[int, Resting], state: PlusState, num_classes: int) -> None:
+    """Makes sure that objects can rest beside a memory."""
+    ids, present = _whole(resting), np.asarray(state.objects.id)
     _require(not np.isin(ids, present).any(), "one is in the working set as well")
     _require(bool(np.all((ids >= 0) & (ids < int(state.next_id)))), "an id was never given")
-    class_id = tensors["class_id"]
+    class_id = _whole(int(one.values["class_id"]) for one in resting.values())
     _require(bool(np.all((class_id >= 0) & (class_id < num_classes))), "a class has no name")
-    partners = tensors["num_partners"]
-    _require(partners.shape == tensors["partners_of"].shape, "partners are missing")
-    total = int(partners.sum())
-    _require(bool(np.all((partners >= 0) & (partners <= MAX_PARTNERS))), "too many partners")
-    for name in _PARTNER.names or ():
-        expected = (total, *_PARTNER[name].shape)
-        _require(tensors[f"partners.{name}"].shape == expected, "partners are missing")
+
+
+def _whole(values: Iterable[int]) -> Int[np.ndarray, "any"]:
+    return np.fromiter(values, np.int32)
 
 
 def _require(holds: bool, fault: str) -> None:

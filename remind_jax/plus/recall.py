@@ -12,7 +12,7 @@ Letters: `N` detections, `O` object slots, `T` tracklets, `Q` looks that are ask
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
-from remind_jax.plus.archive import Archive
+from remind_jax.plus.archive import Archive, Snapshot
 from remind_jax.plus.look_index import Whitener
 from remind_jax.plus.state import PlusState, Scene, Tracklets, init
 from remind_jax.plus.thresholds import FRAME_AREA
@@ -118,20 +118,24 @@ class ObjectsAtRest:
         self.archive.forget(gone)
         return gone
 
-    def tensors(self) -> dict[str, np.ndarray]:
-        """All of it as arrays by name, for a file."""
-        return self.archive.tensors()
+    def snapshot(self) -> Snapshot:
+        """What there is now."""
+        return self.archive.snapshot()
+
+    def tensors(self, since: Snapshot | None = None) -> dict[str, np.ndarray]:
+        """What changed as arrays by name, for a file; everything if `since` is left out."""
+        return self.archive.tensors(since)
 
     def restore(
-        self, tensors: Mapping[str, np.ndarray], state: PlusState, num_classes: int
+        self, parts: Sequence[Mapping[str, np.ndarray]], state: PlusState, num_classes: int
     ) -> None:
-        """Goes on from what `tensors` gave, beside this memory.
+        """Goes on from what `tensors` gave one after another, beside this memory.
 
         Raises:
           ValueError: If the arrays do not belong together.
           KeyError: If one is missing.
         """
-        self.archive = Archive.restored(tensors, state, num_classes)
+        self.archive = Archive.restored(parts, state, num_classes)
 
     def _wanted(self, state: PlusState, sightings: Any, rows: Int[np.ndarray, "Q"]) -> list[int]:
         """Ids of objects at rest by falling promise: what looks alike first, then its partners."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
 import shutil
 import time
 from collections.abc import Callable, Mapping
@@ -199,14 +198,11 @@ class Checkpoints:
             return
         if int(state.frame) - self._start != self._num_done:
             return  # Ctrl-C came between the step and its answers
-        with files.writing(self._path), self._path.open("ab") as file:
-            file.write(b"".join(self._unwritten))
-            file.flush()
-            os.fsync(file.fileno())
+        files.append_durably(self._path, b"".join(self._unwritten))
         self._unwritten.clear()
         if trace is not None:
             trace.save(self.folder / f"trace-{self._num_kept:08d}.npz", skip=self._num_kept)
-        tracker.save(self.folder / MEMORY_NAME, durably=True)
+        tracker.checkpoint(self.folder / MEMORY_NAME)
         self._num_kept = self._num_done
         took_s = self._clock() - begun
         self._due = self._clock() + max(self._every_s, took_s / MAX_OF_A_RUN)

@@ -36,6 +36,7 @@ from remind_jax.session.growing_memory import GrowingMemory, most_detections
 from remind_jax.session.identities import Identities
 from remind_jax.session.joined_memory import JoinedObjects, join_memories
 from remind_jax.session.memory_file import (
+    MemoryFile,
     SavedMemory,
     check_backbone,
     check_tracker,
@@ -133,6 +134,7 @@ class Tracker(Printable):
         self._preparer = self._new_preparer()
         self._memory = GrowingMemory(self.method, static, traced=trace)
         self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
+        self._memory_file: MemoryFile | None = None  # the last one of `checkpoint`
         self._features_given = False
         self._has_profile = False
         self.identities = Identities(self.announce_after, static.first_object_id)
@@ -413,23 +415,31 @@ class Tracker(Printable):
           OutputError: If the file cannot be written.
           SourceError: If there is nothing to remember yet.
         """
+        save_memory(self._memory_path(path), self._saved(), durably=durably)
+
+    def checkpoint(self, path: str | Path) -> None:
+        """As `save`, and returns only when it is on the disk: for loops that may be cut off.
+
+        A crash or a power cut leaves the memory before or this one. The first call writes
+        everything, later ones add to the file what changed since: the working set, and other
+        objects that were seen. Call it every so many seconds, and `load` the file at the next
+        start.
+
+        Raises:
+          OutputError: If the file cannot be written; the memory before is kept.
+          SourceError: If there is nothing to remember yet.
+        """
+        path = self._memory_path(path)
+        if self._memory_file is None or self._memory_file.path != path:
+            self._memory_file = MemoryFile(path)
+        self._memory_file.update(self._saved())
+
+    def _memory_path(self, path: str | Path) -> Path:
+        """Where the memory is to be written, now that there is one."""
         path = as_path(path, "the memory file", OutputError)
         if self.state is None:
             raise SourceError("there is no memory to save before the first frame")
-        save_memory(path, self._saved(), durably=durably)
-
-    def checkpoint(self, path: str | Path) -> None:
-        """As `save`, and returns only when the file is on the disk: for loops that may be cut off.
-
-        The file is replaced at once, so that a crash or a power cut leaves the one before or this
-        one. It takes a few milliseconds per MB of memory; call it every so many seconds, and `load`
-        it at the next start.
-
-        Raises:
-          OutputError: If the file cannot be written; the one before is kept.
-          SourceError: If there is nothing to remember yet.
-        """
-        self.save(path, durably=True)
+        return path
 
     def load(self, path: str | Path) -> None:
         """Goes on from a memory file; what is in memory now is forgotten.

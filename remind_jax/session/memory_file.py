@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
 import functools
-import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import save, save_file
 
 from remind_jax import files
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.config.keys import how_to_choose
-from remind_jax.decision import Decisions, Outcome, Reason, Status
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
-from remind_jax.files.limits import MAX_LABEL
 from remind_jax.files.records import check, decode_json
-from remind_jax.files.tensors import TensorEntry, read_safetensors_header
+from remind_jax.files.tensors import SafetensorsPart
 from remind_jax.method import PAPER_METHOD, AtRest, Method, get_method, named_leaves
-from remind_jax.numerics.absent import NO_ID
-from remind_jax.numerics.array_faults import not_finite, outside, repeated
+from remind_jax.numerics.array_faults import not_finite
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
 from remind_jax.session.earlier_memory import (
     EARLIER_VERSION,
@@ -35,33 +30,23 @@ from remind_jax.session.earlier_memory import (
     with_new_leaves,
     without_decisions,
 )
+from remind_jax.session.memory_faults import find_fault
+from remind_jax.session.memory_parts import (
+    FORMAT,
+    FORMAT_OF_CHANGES,
+    RESTORE,
+    SCHEMA_VERSION,
+    checksum_of,
+    read_parts,
+)
 from remind_jax.session.object_pictures import MAX_FILE_BYTES
 from remind_jax.session.object_records import FiledRecords, ObjectRecords
 from remind_jax.static import Static
 
-SCHEMA_VERSION = 8
-_FORMAT = "remind-jax memory"
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
 _BOUND = ("first_object_id", "precision")  # a memory has them from its start
 _PICTURES = "pictures"  # of all objects, one after another
 _AT_REST = "at_rest."  # before the names of what objects at rest are made of
-_RESTORE = "restore the file, or start without it"
-# As safetensors call the types of arrays.
-_TYPES = {
-    "bool": "BOOL",
-    "uint8": "U8",
-    "int32": "I32",
-    "int64": "I64",
-    "float32": "F32",
-    "float64": "F64",
-}
-
-
-_CODES: dict[str, type[enum.IntEnum]] = {
-    "outcome": Outcome,
-    "reason": Reason,
-    "status": Status,
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,21 +73,92 @@ class SavedMemory:
         return {announced.id_of(one) for one in self.known_ids()}
 
 
-def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> None:
+@dataclasses.dataclass(frozen=True)
+class _Written:
+    """What a memory file holds, so that only what changed need be added."""
+
+    records: Mapping[int, Any]
+    at_rest: Any  # of `AtRest.snapshot`
+    sha256: str  # of its last part
+    num_bytes: int  # of its first part, which holds everything
+    found_as: tuple[int, int, int]  # nobody else wrote it while this is the same
+
+
+class MemoryFile:
+    """A memory file that is brought up to date again and again, by what changed.
+
+    Each change is added as a part of its own, until as much was added as everything takes; then the
+    file is written anew. A change that was not written to its end, as by a kill, is left out.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Touches nothing yet."""
+        self.path = path
+        self._written: _Written | None = None
+
+    def update(self, memory: SavedMemory) -> None:
+        """Returns when the memory is on the disk.
+
+        Raises:
+          OutputError: If the file cannot be written; what it held before is kept.
+        """
+        before, self._written = self._written, None
+        records = memory.records.kept(memory.object_ids())
+        at_rest = None if memory.at_rest is None else memory.at_rest.snapshot()
+        if before is None or not _has_room(self.path, before):
+            sha256 = save_memory(self.path, memory, durably=True)
+            num_bytes = self.path.stat().st_size
+        else:
+            leaves, header = _describe(memory, before)
+            files.append_durably(self.path, save(leaves, header))
+            sha256, num_bytes = header["sha256"], before.num_bytes
+        found_as = _identity(self.path)
+        self._written = _Written(records, at_rest, sha256, num_bytes, found_as)
+
+
+def _has_room(path: Path, before: _Written) -> bool:
+    """Whether a change is to be added to a file."""
+    try:
+        found_as = _identity(path)
+    except OSError:
+        return False
+    return found_as == before.found_as and found_as[1] <= 2 * before.num_bytes
+
+
+def _identity(path: Path) -> tuple[int, int, int]:
+    found = path.stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> str:
     """Writes a memory file; an existing one is replaced only by a complete one.
 
     Args:
       path: The file.
       memory: What it will hold.
       durably: Return only when it is on the disk, so that it outlives a power cut.
+
+    Returns:
+      Its checksum.
     """
-    path = Path(path)
+    leaves, header = _describe(memory)
+    with files.replacing(Path(path), SafetensorError, durably=durably) as partial:
+        save_file(leaves, partial, metadata=header)
+    return header["sha256"]
+
+
+def _describe(
+    memory: SavedMemory, before: _Written | None = None
+) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Arrays and metadata of a part of a memory file: everything, or what changed since."""
     leaves = {name: np.asarray(leaf) for name, leaf in named_leaves(memory.state)}
     if memory.at_rest is not None:
-        leaves |= {f"{_AT_REST}{name}": leaf for name, leaf in memory.at_rest.tensors().items()}
-    records, leaves[_PICTURES] = memory.records.to_file(memory.object_ids())
+        resting = memory.at_rest.tensors(None if before is None else before.at_rest)
+        leaves |= {f"{_AT_REST}{name}": leaf for name, leaf in resting.items()}
+    known = None if before is None else before.records
+    records, leaves[_PICTURES] = memory.records.to_file(memory.object_ids(), known)
     header = {
-        "format": _FORMAT,
+        "format": FORMAT if before is None else FORMAT_OF_CHANGES,
         "schema": str(SCHEMA_VERSION),
         "static": json.dumps(dataclasses.asdict(memory.static)),
         "class_names": json.dumps(memory.class_names),
@@ -110,11 +166,12 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
         "tracker": memory.tracker,
         "records": json.dumps(records),
     }
+    if before is not None:
+        header["after"] = before.sha256
     if memory.announced is not None:
         header["announced"] = json.dumps(memory.announced.among(memory.known_ids()).to_json())
-    header["sha256"] = _checksum(header, leaves)
-    with files.replacing(path, SafetensorError, durably=durably) as partial:
-        save_file(leaves, partial, metadata=header)
+    header["sha256"] = checksum_of(header, leaves)
+    return leaves, header
 
 
 def load_memory(path: str | Path) -> SavedMemory:
@@ -132,71 +189,69 @@ def load_memory(path: str | Path) -> SavedMemory:
         raise OutputError(
             f"memory '{path}' is a folder; give the file, memory.safetensors of a run"
         )
-    header = read_safetensors_header(path, refused=OutputError)
-    metadata = header.metadata
-    if metadata.get("format") != _FORMAT:
-        raise OutputError(f"'{path}' is not a memory file of remind-jax")
-    schema = metadata.get("schema")
-    if schema not in (str(EARLIER_VERSION), str(SCHEMA_VERSION)):
-        raise OutputError(
-            f"'{path}' has memory schema {schema!r}; this version reads schema {SCHEMA_VERSION}"
-        )
-    static, names, announced, filed = _read_description(metadata, path)
+    parts = read_parts(path)
+    metadata, tensors = parts[-1].metadata, parts[-1].tensors
+    static, names, announced, _ = _read_description(metadata, path)
     method = get_method(metadata["tracker"])
     expected = _shape(method.name, static)
-    is_earlier = schema == str(EARLIER_VERSION)
-    if not is_earlier:
-        _check_tensors(header.tensors, expected, path)
-    try:
-        tensors = load_file(path)
-    except (OSError, SafetensorError) as error:
-        raise OutputError(f"cannot read memory from '{path}': {first_line(error)}") from error
-    checksum = metadata.get("sha256")
-    if checksum is not None and checksum != _checksum(metadata, tensors):
-        raise OutputError(f"'{path}' is damaged: its checksum is another one; {_RESTORE}")
-    if is_earlier:
+    if metadata["schema"] == str(EARLIER_VERSION):
         tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
         tensors = with_new_leaves(without_decisions(tensors, static), method, static)
-        entries = {
-            name: TensorEntry(_TYPES.get(str(one.dtype), ""), one.shape)
-            for name, one in tensors.items()
-        }
-        _check_tensors(entries, expected, path)
+    _check_tensors(tensors, expected, path)
     leaves = [tensors[name] for name, _ in named_leaves(expected)]
     state = jax.tree.unflatten(jax.tree.structure(expected), leaves)
     fault = find_fault(state, method, names, announced, static.first_object_id)
     if fault is not None:
-        raise OutputError(f"'{path}' is damaged: {fault}; {_RESTORE}")
+        raise OutputError(f"'{path}' is damaged: {fault}; {RESTORE}")
     try:
-        records = ObjectRecords.from_file(filed, tensors[_PICTURES])
+        records = ObjectRecords.from_file(
+            [(_read_description(one.metadata, path)[3], _pictures(one, path)) for one in parts]
+        )
     except SourceError as error:
-        raise OutputError(f"'{path}' is damaged: {error}; {_RESTORE}") from error
-    at_rest = _read_at_rest(tensors, state, method, len(names), path)
+        raise OutputError(f"'{path}' is damaged: {error}; {RESTORE}") from error
+    at_rest = _read_at_rest(parts, state, method, len(names), path)
     state = jax.tree.map(jax.numpy.asarray, state)
     backbone = metadata["backbone"]
     return SavedMemory(state, static, names, backbone, method.name, announced, records, at_rest)
 
 
+def _pictures(part: SafetensorsPart, path: Path) -> np.ndarray:
+    """The bytes of all pictures of a part."""
+    pictures = part.tensors.get(_PICTURES)
+    if pictures is None or pictures.dtype != np.uint8 or pictures.ndim != 1:
+        raise OutputError(f"'{path}' is damaged, or of another version: it lacks '{_PICTURES}'")
+    if len(pictures) > MAX_FILE_BYTES:
+        raise OutputError(
+            f"'{path}' is damaged: it holds {len(pictures)} bytes of pictures; at most "
+            f"{MAX_FILE_BYTES} are kept"
+        )
+    return pictures
+
+
 def _read_at_rest(
-    tensors: Mapping[str, np.ndarray], state: Any, method: Method, num_classes: int, path: Path
+    parts: Sequence[SafetensorsPart], state: Any, method: Method, num_classes: int, path: Path
 ) -> AtRest | None:
     """Objects at rest beside a memory; None where the method has no place for them."""
     if method.host.at_rest is None:
         return None
     at_rest = method.host.at_rest()
-    found = {
-        name.removeprefix(_AT_REST): tensor
-        for name, tensor in tensors.items()
-        if name.startswith(_AT_REST)
-    }
+    found = [
+        {
+            name.removeprefix(_AT_REST): tensor
+            for name, tensor in part.tensors.items()
+            if name.startswith(_AT_REST)
+        }
+        for part in parts
+    ]
     try:
-        for name, tensor in found.items():
-            for fault in not_finite(f"{_AT_REST}{name}", tensor):
-                raise ValueError(fault)
+        for one in found:
+            for name, tensor in one.items():
+                for fault in not_finite(f"{_AT_REST}{name}", tensor):
+                    raise ValueError(fault)
         at_rest.restore(found, state, num_classes)
     except (KeyError, ValueError, IndexError, TypeError) as error:
         raise OutputError(
-            f"'{path}' is damaged: its objects at rest: {first_line(error)}; {_RESTORE}"
+            f"'{path}' is damaged: its objects at rest: {first_line(error)}; {RESTORE}"
         ) from error
     return at_rest
 
@@ -273,25 +328,17 @@ def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None
         )
 
 
-def _check_tensors(tensors: Mapping[str, TensorEntry], expected: Any, path: Path) -> None:
-    """Compares what the header says of the tensors with the memory that its settings make."""
+def _check_tensors(tensors: Mapping[str, np.ndarray], expected: Any, path: Path) -> None:
+    """Compares arrays of a file with the memory that its settings make."""
     leaves = dict(named_leaves(expected))
     for name, leaf in leaves.items():
-        entry = tensors.get(name)
-        if entry is None or entry.shape != leaf.shape or entry.dtype != _TYPES[str(leaf.dtype)]:
-            found = "missing" if entry is None else f"{entry.dtype} of shape {list(entry.shape)}"
+        own = tensors.get(name)
+        if own is None or own.shape != leaf.shape or own.dtype != leaf.dtype:
+            found = "missing" if own is None else f"{_type(own)} of shape {list(own.shape)}"
             raise OutputError(
                 f"'{path}' is damaged, or of another version: '{name}' is {found}; expected: "
-                f"{_TYPES[str(leaf.dtype)]} of shape {list(leaf.shape)}"
+                f"{_type(leaf)} of shape {list(leaf.shape)}"
             )
-    pictures = tensors.get(_PICTURES)
-    if pictures is None or pictures.dtype != "U8" or len(pictures.shape) != 1:
-        raise OutputError(f"'{path}' is damaged, or of another version: it lacks '{_PICTURES}'")
-    if pictures.shape[0] > MAX_FILE_BYTES:
-        raise OutputError(
-            f"'{path}' is damaged: it holds {pictures.shape[0]} bytes of pictures; at most "
-            f"{MAX_FILE_BYTES} are kept"
-        )
     for name in tensors:
         if name not in leaves and name != _PICTURES and not name.startswith(_AT_REST):
             raise OutputError(
@@ -300,16 +347,9 @@ def _check_tensors(tensors: Mapping[str, TensorEntry], expected: Any, path: Path
             )
 
 
-def _checksum(metadata: Mapping[str, str], tensors: Mapping[str, np.ndarray]) -> str:
-    """Of everything in the file but the checksum itself, in any order."""
-    digest = hashlib.sha256()
-    described = {name: value for name, value in metadata.items() if name != "sha256"}
-    digest.update(json.dumps(described, sort_keys=True).encode("ascii"))
-    for name in sorted(tensors):
-        array = np.ascontiguousarray(tensors[name])
-        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
-        digest.update(array.data if array.size else b"")
-    return digest.hexdigest()
+def _type(array: Any) -> str:
+    """As safetensors call it: F32."""
+    return f"{str(array.dtype)[0].upper()}{8 * array.dtype.itemsize}"
 
 
 def _read_description(
@@ -319,7 +359,7 @@ def _read_description(
     where = f"'{path}', header"
     for name in ("static", "class_names", "backbone", "tracker", "records"):
         if name not in metadata:
-            raise OutputError(f"'{path}' is damaged: its header lacks '{name}'; {_RESTORE}")
+            raise OutputError(f"'{path}' is damaged: its header lacks '{name}'; {RESTORE}")
 
     def read(name: str, record: Any) -> Any:
         data = metadata[name].encode("utf-8", "replace")
@@ -377,70 +417,3 @@ def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
         memory.at_rest.forget(ids)
     records.drop(object_id)
     return dataclasses.replace(memory, state=jax.tree.map(jax.numpy.asarray, forgotten))
-
-
-def find_fault(
-    state: Any,
-    method: Method,
-    class_names: tuple[str, ...],
-    announced: Announcements | None,
-    first_id: int,
-) -> str | None:
-    """What is wrong first, as a phrase; None if nothing is.
-
-    Args:
-      state: The memory, host arrays of the right shapes and types.
-      method: Whose memory it is.
-      class_names: Class names by class id.
-      announced: What was announced of its objects.
-      first_id: Id of the first object.
-    """
-    faults = _find_faults(state, class_names, first_id)
-    fault = next(faults, None) or next(_of_announcements(announced, int(state.next_id)), None)
-    if fault is None and method.host.find_faults is not None:
-        fault = next(iter(method.host.find_faults(state)), None)
-    return fault
-
-
-def _find_faults(state: Any, class_names: tuple[str, ...], first_id: int) -> Iterator[str]:
-    for name, leaf in named_leaves(state):
-        yield from not_finite(name, leaf)
-    yield from outside("frame", state.frame, 0)
-    yield from outside("next_id", state.next_id, first_id)
-    ids = np.asarray(state.objects.id)
-    used = ids != NO_ID
-    yield from outside("objects.id", ids, first_id, int(state.next_id) - 1, used)
-    yield from repeated("objects.id", ids[used])
-    for name in class_names:
-        if not isinstance(name, str) or len(name) > MAX_LABEL:
-            yield f"a class is named {str(name)[:40]!r}; allowed: up to {MAX_LABEL} characters"
-    yield from repeated("class_names", np.array(class_names, object))
-    if hasattr(state.objects, "class_id"):
-        last_class = len(class_names) - 1
-        yield from outside("objects.class_id", state.objects.class_id, 0, last_class, used)
-    yield from _of_decisions(state.decisions, int(state.next_id))
-    yield from outside("overflow.objects", state.overflow.objects, 0)
-    yield from outside("overflow.pending", state.overflow.pending, 0)
-
-
-def _of_decisions(decisions: Decisions, next_id: int) -> Iterator[str]:
-    """Of the last frame; they are shown, and ids among them."""
-    for name, kind in _CODES.items():
-        codes = [int(code) for code in kind]
-        yield from outside(f"decisions.{name}", getattr(decisions, name), min(codes), max(codes))
-    for name in ("object_id", "candidate_id", "option_id"):
-        values = getattr(decisions, name)
-        yield from outside(f"decisions.{name}", values, NO_ID, max(next_id - 1, NO_ID))
-
-
-def _of_announcements(announced: Announcements | None, next_id: int) -> Iterator[str]:
-    if announced is None:
-        return
-    if announced.known_below < 0 or announced.next_id < 0:
-        yield "what was announced counts from below 0"
-    for object_id, number in announced.ids.items():
-        if not (0 <= object_id < next_id and 0 <= number < announced.next_id):
-            yield f"object {object_id} was announced as {number}, which cannot be"
-    for object_id, count in announced.counts.items():
-        if not (0 <= object_id < next_id and count >= 0):
-            yield f"object {object_id} was detected {count} times, which cannot be"

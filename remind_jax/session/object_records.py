@@ -118,6 +118,7 @@ class FiledRecords(msgspec.Struct, frozen=True):
     objects: Annotated[list[_Row], Meta(max_length=1_000_000)]
     names: Annotated[list[tuple[Count, Label]], Meta(max_length=1_000_000)]
     merged: Annotated[list[tuple[Count, Count]], Meta(max_length=1_000_000)]  # gone, kept
+    gone: Annotated[list[Count], Meta(max_length=1_000_000)] = []  # objects of the parts before
 
 
 class ObjectRecords:
@@ -391,13 +392,25 @@ class ObjectRecords:
         """Before the first frame of another session."""
         self.session += 1
 
-    def to_file(self, ids: Collection[int]) -> tuple[dict[str, Any], UInt8[np.ndarray, "B"]]:
-        """What a memory file keeps, as `json` can write it, and the bytes of all pictures.
+    def kept(self, ids: Collection[int]) -> Mapping[int, _Record]:
+        """The records that a memory file keeps, for `to_file`; they are replaced, never changed.
 
         Args:
           ids: Of objects that memory still has.
         """
-        kept = {one: self._records[one] for one in sorted(self._records) if one in ids}
+        return {one: self._records[one] for one in sorted(self._records) if one in ids}
+
+    def to_file(
+        self, ids: Collection[int], since: Mapping[int, _Record] | None = None
+    ) -> tuple[dict[str, Any], UInt8[np.ndarray, "B"]]:
+        """What a memory file keeps, as `json` can write it, and the bytes of all pictures.
+
+        Args:
+          ids: Of objects that memory still has.
+          since: Records that the file has already, as `kept` gave them; nothing if left out.
+        """
+        all_kept, before = self.kept(ids), since or {}
+        kept = {one: new for one, new in all_kept.items() if before.get(one) is not new}
         recent = sorted(kept, key=lambda one: (kept[one].last, one), reverse=True)
         fitting = dict(
             zip(
@@ -422,46 +435,36 @@ class ObjectRecords:
         merged = {
             gone: target
             for gone, target in self.merged_into.items()
-            if gone in kept and target in kept
+            if gone in all_kept and target in all_kept
         }
         content = {
             "session": self.session,
             "objects": rows,
-            "names": [[one, name] for one, name in self.names.items() if one in kept],
+            "names": [[one, name] for one, name in self.names.items() if one in all_kept],
             "merged": [list(pair) for pair in merged.items()],
         }
+        if gone := sorted(before.keys() - all_kept.keys()):
+            content["gone"] = gone
         data = b"".join(picture.jpeg for one in kept for picture in fitting[one])
         return content, np.frombuffer(data, np.uint8)
 
     @classmethod
-    def from_file(cls, filed: FiledRecords, data: UInt8[np.ndarray, "B"]) -> ObjectRecords:
-        """Reads back what `to_file` made.
+    def from_file(
+        cls, parts: Sequence[tuple[FiledRecords, UInt8[np.ndarray, "_"]]]
+    ) -> ObjectRecords:
+        """Reads back what `to_file` made: of everything first, then of what changed each time.
 
         Raises:
           SourceError: If its parts contradict each other; a phrase says how.
         """
-        records, pictures, start = cls(), data.tobytes(), 0
-        records.session = filed.session
-        for row in filed.objects:
-            views = []
-            for quality, length in row.pictures:
-                jpeg = pictures[start : start + length]
-                if len(jpeg) != length or not jpeg.startswith(_JPEG_START):
-                    raise SourceError(f"a picture of object {row.id} is no JPEG")
-                views.append(Picture(quality, jpeg))
-                start += length
-            if row.id in records._records:
-                raise SourceError(f"object {row.id} has two records")
-            first, last = Sight(*row.first), Sight(*row.last)
-            if not first <= last or last.session > filed.session:
-                raise SourceError(f"object {row.id} was first seen after it was last seen")
-            num_frames, place = row.visit
-            now = views.pop(place) if 0 <= place < len(views) else None
-            known = Pictures(best_of(views), now, num_frames)
-            records._records[row.id] = _Record(row.label, row.frames, first, last, known, row.now)
-        if start != len(pictures):
-            raise SourceError(f"{len(pictures) - start} bytes of pictures belong to no object")
-        records._take_in(filed.names, filed.merged)
+        records = cls()
+        for filed, data in parts:
+            for one in filed.gone:
+                records._records.pop(one, None)
+            records._records |= _read_rows(filed, data.tobytes())
+        last = parts[-1][0]
+        records.session = last.session
+        records._take_in(last.names, last.merged)
         return records
 
     def _take_in(self, names: Sequence[tuple[int, str]], merged: Sequence[tuple[int, int]]) -> None:
@@ -489,6 +492,32 @@ class ObjectRecords:
             merged=members[1:],
             pictures=tuple(picture.jpeg for picture in record.pictures.best),
         )
+
+
+def _read_rows(filed: FiledRecords, pictures: bytes) -> dict[int, _Record]:
+    """Records by id, with their pictures out of all that lie one after another."""
+    found: dict[int, _Record] = {}
+    start = 0
+    for row in filed.objects:
+        views = []
+        for quality, length in row.pictures:
+            jpeg = pictures[start : start + length]
+            if len(jpeg) != length or not jpeg.startswith(_JPEG_START):
+                raise SourceError(f"a picture of object {row.id} is no JPEG")
+            views.append(Picture(quality, jpeg))
+            start += length
+        if row.id in found:
+            raise SourceError(f"object {row.id} has two records")
+        first, last = Sight(*row.first), Sight(*row.last)
+        if not first <= last or last.session > filed.session:
+            raise SourceError(f"object {row.id} was first seen after it was last seen")
+        num_frames, place = row.visit
+        now = views.pop(place) if 0 <= place < len(views) else None
+        known = Pictures(best_of(views), now, num_frames)
+        found[row.id] = _Record(row.label, row.frames, first, last, known, row.now)
+    if start != len(pictures):
+        raise SourceError(f"{len(pictures) - start} bytes of pictures belong to no object")
+    return found
 
 
 def _as_merged(tracks: Tracks, merged_into: Mapping[int, int]) -> Tracks:

@@ -15,6 +15,7 @@ MODULE = re.compile(r"`((?:remind_jax|weights_convert)/[\w/]+\.py)`")
 READING = {
     *("read_bytes", "read_text", "read_json", "read_lines", "read_yaml"),
     *("decode_json", "decode_rows", "read_npz", "read_safetensors_header", "safe_open"),
+    "read_safetensors_parts",
     *("load_file", "loads", "load", "loadtxt", "fromfile", "memmap", "imread", "InferenceSession"),
     *("open_tar", "ZipFile", "check"),
 }

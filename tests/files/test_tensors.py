@@ -11,7 +11,11 @@ import pytest
 from safetensors.numpy import save_file
 
 from remind_jax.errors import WeightsError
-from remind_jax.files.tensors import read_npz, read_safetensors_header
+from remind_jax.files.tensors import (
+    read_npz,
+    read_safetensors_header,
+    read_safetensors_parts,
+)
 
 
 @pytest.fixture
@@ -46,6 +50,23 @@ def test_a_header_that_lies_is_refused(stored):
         stored.write_bytes(content)
         with pytest.raises(WeightsError, match=r"a\.safetensors"):
             read_safetensors_header(stored, refused=WeightsError)
+
+
+def test_parts_are_read_one_after_another(stored):
+    data = stored.read_bytes()
+    for num, end in ((1, b""), (3, b""), (2, b"\0" * 9), (2, data[:-1]), (1, data[:30]), (2, b"{")):
+        stored.write_bytes(num * data + end)
+        parts, is_whole = read_safetensors_parts(stored, refused=WeightsError)
+        assert (len(parts), is_whole) == (num, not end)
+        for part in parts:
+            assert part.metadata == {"format": "ours"}
+            assert {name: one.shape for name, one in part.tensors.items()} == {
+                "a": (2, 3), "empty": (0, 4), "b": (5,)
+            }  # fmt: skip
+    for content in (b"", data[:-1], b"\0" * 9, data[:4]):
+        stored.write_bytes(content)
+        with pytest.raises(WeightsError, match=r"a\.safetensors"):
+            read_safetensors_parts(stored, refused=WeightsError)
 
 
 def test_arrays_are_read_back(tmp_path):

@@ -189,10 +189,11 @@ def test_a_file_whose_objects_at_rest_do_not_belong_together_is_refused(tmp_path
     tensors = archive.tensors()
     for name, tensor in tensors.items():
         with pytest.raises((ValueError, KeyError)):
-            Archive.restored({**tensors, name: tensor[1:]}, state, 3)
+            Archive.restored([{**tensors, name: tensor[1:]}], state, 3)
+        lacking = {key: one for key, one in tensors.items() if key != name}
         with pytest.raises(KeyError):
-            Archive.restored({key: one for key, one in tensors.items() if key != name}, state, 3)
-    assert len(Archive.restored(tensors, state, 3)) == 5
+            Archive.restored([lacking], state, 3)
+    assert len(Archive.restored([tensors], state, 3)) == 5
 
 
 def test_what_is_seen_least_is_forgotten_beyond_a_bound(building):

@@ -28,7 +28,6 @@ from remind_jax.remind.state import init
 from remind_jax.session.announcement import Announcements
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import (
-    SCHEMA_VERSION,
     SavedMemory,
     check_backbone,
     check_tracker,
@@ -36,6 +35,7 @@ from remind_jax.session.memory_file import (
     save_memory,
     static_of,
 )
+from remind_jax.session.memory_parts import SCHEMA_VERSION
 from tests import tiny_world
 from tests.cli import scenes
 from tests.statics import change_static

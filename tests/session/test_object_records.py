@@ -238,7 +238,7 @@ def test_records_are_read_back(tracker):
     tracker.merge(1, 2)
     content, data = tracker.identities.records.to_file({0, 1, 2})
     filed = decode_json(json.dumps(content).encode(), FiledRecords, "here")
-    again = ObjectRecords.from_file(filed, data)
+    again = ObjectRecords.from_file([(filed, data)])
     assert again.objects() == tracker.identities.records.objects()
     assert again.to_file({0, 1, 2})[0] == content
 

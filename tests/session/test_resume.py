@@ -235,7 +235,7 @@ def test_checkpoints_take_a_bounded_share_of_a_run(tmp_path, monkeypatch):
     class Slow:
         state = dataclasses.make_dataclass("State", ["frame"])(1)
 
-        def save(self, path, durably):
+        def checkpoint(self, path):
             now[0] += 3.0
 
     step = _any_step()

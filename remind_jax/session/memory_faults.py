@@ -1,0 +1,89 @@
+"""What is wrong with a memory that was read: what no run leaves, in arrays of the right shapes."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from remind_jax.decision import Decisions, Outcome, Reason, Status
+from remind_jax.files.limits import MAX_LABEL
+from remind_jax.method import Method, named_leaves
+from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.array_faults import not_finite, outside, repeated
+from remind_jax.session.announcement import Announcements
+
+_CODES: dict[str, type[enum.IntEnum]] = {
+    "outcome": Outcome,
+    "reason": Reason,
+    "status": Status,
+}
+
+
+def find_fault(
+    state: Any,
+    method: Method,
+    class_names: tuple[str, ...],
+    announced: Announcements | None,
+    first_id: int,
+) -> str | None:
+    """What is wrong first, as a phrase; None if nothing is.
+
+    Args:
+      state: The memory, host arrays of the right shapes and types.
+      method: Whose memory it is.
+      class_names: Class names by class id.
+      announced: What was announced of its objects.
+      first_id: Id of the first object.
+    """
+    faults = _find_faults(state, class_names, first_id)
+    fault = next(faults, None) or next(_of_announcements(announced, int(state.next_id)), None)
+    if fault is None and method.host.find_faults is not None:
+        fault = next(iter(method.host.find_faults(state)), None)
+    return fault
+
+
+def _find_faults(state: Any, class_names: tuple[str, ...], first_id: int) -> Iterator[str]:
+    for name, leaf in named_leaves(state):
+        yield from not_finite(name, leaf)
+    yield from outside("frame", state.frame, 0)
+    yield from outside("next_id", state.next_id, first_id)
+    ids = np.asarray(state.objects.id)
+    used = ids != NO_ID
+    yield from outside("objects.id", ids, first_id, int(state.next_id) - 1, used)
+    yield from repeated("objects.id", ids[used])
+    for name in class_names:
+        if not isinstance(name, str) or len(name) > MAX_LABEL:
+            yield f"a class is named {str(name)[:40]!r}; allowed: up to {MAX_LABEL} characters"
+    yield from repeated("class_names", np.array(class_names, object))
+    if hasattr(state.objects, "class_id"):
+        last_class = len(class_names) - 1
+        yield from outside("objects.class_id", state.objects.class_id, 0, last_class, used)
+    yield from _of_decisions(state.decisions, int(state.next_id))
+    yield from outside("overflow.objects", state.overflow.objects, 0)
+    yield from outside("overflow.pending", state.overflow.pending, 0)
+
+
+def _of_decisions(decisions: Decisions, next_id: int) -> Iterator[str]:
+    """Of the last frame; they are shown, and ids among them."""
+    for name, kind in _CODES.items():
+        codes = [int(code) for code in kind]
+        yield from outside(f"decisions.{name}", getattr(decisions, name), min(codes), max(codes))
+    for name in ("object_id", "candidate_id", "option_id"):
+        values = getattr(decisions, name)
+        yield from outside(f"decisions.{name}", values, NO_ID, max(next_id - 1, NO_ID))
+
+
+def _of_announcements(announced: Announcements | None, next_id: int) -> Iterator[str]:
+    if announced is None:
+        return
+    if announced.known_below < 0 or announced.next_id < 0:
+        yield "what was announced counts from below 0"
+    for object_id, number in announced.ids.items():
+        if not (0 <= object_id < next_id and 0 <= number < announced.next_id):
+            yield f"object {object_id} was announced as {number}, which cannot be"
+    for object_id, count in announced.counts.items():
+        if not (0 <= object_id < next_id and count >= 0):
+            yield f"object {object_id} was detected {count} times, which cannot be"
