@@ -62,11 +62,10 @@ from remind_jax.metrics.evaluation import scene_intervals, without_nan
 CONTENDERS = ("default", "remind", "bank", "bank-closeups", "running-mean")
 ANNOUNCE_AFTER = 5  # as for any detector
 PERSON = "person"
-DELAY = 15  # frames
 _FPS = 30.0
 
 
-def answer_ours(config: Config, clip: Clip, scratch: Path, delay: int = 0) -> Answers:
+def answer_ours(config: Config, clip: Clip, scratch: Path, delay: int | None = None) -> Answers:
     """Runs one of our trackers."""
     start = time.perf_counter()
     result = rj.run(
@@ -203,14 +202,14 @@ def judge_turns(
     """What the default gains by options, by title and clip; the second of clips with people."""
     config = load_config("default")
 
-    def run(change: Callable[[Clip], Clip], clip: Clip, delay: int = 0) -> Judged:
+    def run(change: Callable[[Clip], Clip], clip: Clip, delay: int | None = None) -> Judged:
         changed = change(clip)
         say(f"{clip.name}, a turn")
         return judge(changed, answer_ours(config, changed, scratch, delay))
 
     people = [clip for clip in clips if list(clip.class_of.values()).count(PERSON) > 1]
     turns = {
-        f"`--delay {DELAY}`": {clip.name: run(lambda c: c, clip, DELAY) for clip in clips},
+        "`--delay 0`, as live": {clip.name: run(lambda c: c, clip, 0) for clip in clips},
         "one class for all": {clip.name: run(Clip.one_class, clip) for clip in clips},
     }
     alone = {

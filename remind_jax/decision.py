@@ -28,7 +28,7 @@ class Outcome(enum.IntEnum):
     PROVISIONAL_NEW = 4  # probably new, but a known object cannot be excluded
     PROVISIONAL_PARENT = 5  # probably a known object, but not certainly
     UNASSIGNED = 6  # decided nothing and remembered nothing
-    DROPPED = 7  # unusable: empty mask or no finite feature
+    DROPPED = 7  # unusable: empty mask, no finite feature, or a second detection of one thing
 
     @property
     def is_firm(self) -> bool:
@@ -68,6 +68,7 @@ class Reason(enum.IntEnum):
     INVALID_INPUT = 17
     KNOWN_BUT_HELD_BY_BETTER_MATCH = 18
     SEEN_TOO_FEW_TIMES = 19  # it has an identity, which is not announced (yet)
+    DOUBLE = 20  # a better detection of the same class overlaps it
 
 
 @jax.tree_util.register_dataclass

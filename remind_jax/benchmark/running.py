@@ -121,6 +121,7 @@ def _run_one(
         detector_options=setup.detector_options,
         backbone=_keep_features(setup),
         config=contender.config,
+        delay=0,  # what a robot is told; and not every tracker revises answers
         progress=None if setup.is_shown else False,
     )
     peak_mib, device_mib = peak_rss_mib(), device_memory_mib()

@@ -86,6 +86,7 @@ class Run:
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
     tracker: TrackerName = None
     changes: Assignments = ()
+    class_agnostic: bool = False  # compare all detections whatever their classes
     memory: Path | None = None  # go on from the memory of an earlier run
     out: Path | None = None  # output folder; runs/NAME if left out
     overwrite: bool = False  # allow an output folder with files in it
@@ -93,7 +94,9 @@ class Run:
     no_overlay: bool = False  # leave out the overlay video
     trace: bool = False  # keep what every decision was made of, for 'remind explain'
     mcap: Path | None = None  # record for Foxglove (out.mcap)
-    delay: int = 0  # frames that answers wait to be revised by what turns out meanwhile
+    # frames that answers wait to be revised by what turns out meanwhile; for trackers that do so 20
+    # before a recording and 0 before a live source if left out
+    delay: int | None = None
     # detections after which an object gets its id; 1 for masks, 5 for a detector if left out
     announce_after: Annotated[int | None, arg(metavar="N")] = None
     quiet: bool = False  # say nothing but errors
@@ -109,7 +112,8 @@ class Run:
             refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         source = self._open()
         out = self.out or DEFAULT_FOLDER / _fit_for_folder(source.name)
-        config = load_config_with(self.config, self.changes, tracker=self.tracker)
+        agnostic = (("input.class_agnostic=true",),) if self.class_agnostic else ()
+        config = load_config_with(self.config, (*self.changes, *agnostic), tracker=self.tracker)
         from remind_jax.backbone.opening import obtain_named
 
         obtain_named(self.backbone, self.weights, quiet=self.quiet)

@@ -67,6 +67,10 @@ class Input:
     announce_after: int = setting(0,
         "detections after which an object gets its id. 0: 1 for given masks, 5 for a detector",
         "detections", more="fewer objects that never were, each known later", least=0)
+    class_agnostic: bool = setting(False, "compare all detections whatever their classes")
+    double_overlap: float = setting(0.0, "intersection over union from which on the lesser of two "
+        "detections of a class is left out as a second one of the same thing. 0: none is", "share",
+        more="more overlap is needed", least=0.0, most=1.0)
     max_objects: int = setting(0, "objects that are remembered; beyond, those that were seen least "
         "and longest ago are forgotten. 0: all", "objects", more="more memory", least=0)
     keep_pictures: bool = setting(True,

@@ -55,7 +55,9 @@ def decide(
 
     is_at = shortlist.slot[..., None] == jnp.arange(num_objects)
     score = jnp.max(jnp.where(is_at, odds[..., None], -jnp.inf), axis=1)
-    slot = assign_in_graph(score, score > -jnp.inf, here.class_id, private, jnp.array(True))
+    slot = assign_in_graph(
+        score, score > -jnp.inf, jnp.zeros_like(here.slot), private, jnp.array(True)
+    )
     chosen = shortlist.valid & (shortlist.slot == slot[:, None])
     of_chosen = jnp.where(chosen, odds, -jnp.inf)
     of_others = jnp.where(chosen, -jnp.inf, odds)

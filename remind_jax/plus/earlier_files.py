@@ -31,4 +31,12 @@ COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
     )
 }
 
-NEW_LEAVES = ("objects.visits", "scene.links", "scene.newness", "scene.newness_known")
+NEW_LEAVES = (
+    "objects.class_lead",
+    "objects.visits",
+    "tracklets.class_lead",
+    "scene.links",
+    "scene.names",
+    "scene.newness",
+    "scene.newness_known",
+)

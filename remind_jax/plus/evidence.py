@@ -40,6 +40,7 @@ class OwnEvidence:
     looks: Float[Array, "N X"]
     background: Float[Array, "N X"]
     place: Float[Array, "N X"]
+    class_name: Float[Array, "N X"]
     mobile: Float[Array, "N X"]  # what moves of its own needs no place
     rivals: Float[Array, "N X"]  # the more it could be, the less each is likely
     held: Float[Array, "N X"]  # its tracklet was missed and may resume
@@ -125,17 +126,16 @@ def admit(
     pairs: Pairs,
     t: th.Decision,
 ) -> Bool[Array, "N O"]:
-    """Objects that each row may be: of its class and free.
+    """Objects that each row may be: those that are free.
 
     One that was decided as new already may only be an object that was never seen beside its own
     one, and long enough: to become another that is hardly known wins nothing and is often wrong.
     """
     open_to = objects.exists & ~held
-    possible = (here.class_id[:, None] == objects.class_id[None]) & open_to[None]
     beside = pairs.covisible[jnp.maximum(here.slot, 0)] > 0
     known_long = objects.seen[None] >= t.late_seen * here.age[:, None]
-    late = possible & ~beside & known_long
-    return jnp.where(rows.late[:, None], late, possible) & rows.any[:, None]
+    late = ~beside & known_long
+    return open_to & jnp.where(rows.late[:, None], late, rows.young[:, None])
 
 
 def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Array, "N O"]:
@@ -210,6 +210,7 @@ def shortlist(
     admitted: Bool[Array, "N O"],
     waiting: Bool[Array, "O"],
     cosine: Float[Array, "N O"],
+    names: Float[Array, "N O"],
     objects: Objects,
     pairs: Pairs,
     scene: Scene,
@@ -224,8 +225,10 @@ def shortlist(
         looks=_look_evidence(cosine, sightings.patches, moves, scene, t),
         background=_ring_evidence(here, objects, scene, t.looks) * (1.0 - moves),
         place=_place_evidence(sightings, objects, pairs, t.place),
+        class_name=names,
         mobile=jnp.broadcast_to(t.mobility.gain * moves, admitted.shape),
-        rivals=_crowd_evidence(admitted, t.decision)[:, None] * (1.0 + t.mobility.crowd * moves),
+        rivals=_crowd_evidence(admitted, names, t.decision)[:, None]
+        * (1.0 + t.mobility.crowd * moves),
         held=jnp.broadcast_to(jnp.where(waiting, -t.decision.held, 0.0)[None], admitted.shape),
     )
     ranked = jnp.where(admitted, evidence.total(), -jnp.inf)
@@ -288,7 +291,9 @@ def _place_evidence(
     return t.weight * odds
 
 
-def _crowd_evidence(admitted: Bool[Array, "N O"], t: th.Decision) -> Float[Array, "N"]:
+def _crowd_evidence(
+    admitted: Bool[Array, "N O"], names: Float[Array, "N O"], t: th.Decision
+) -> Float[Array, "N"]:
     """The more objects it could be, the easier one of them looks right by chance."""
-    num = jnp.sum(admitted, axis=1).astype(jnp.float32)
+    num = jnp.sum(admitted * jnp.exp(names), axis=1)
     return -t.crowd * jnp.log(jnp.maximum(num, t.crowd_free) / t.crowd_free)

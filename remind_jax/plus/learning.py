@@ -20,6 +20,7 @@ from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
+from remind_jax.plus.class_names import vote
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import forgetting_speed
@@ -53,6 +54,7 @@ def create_objects(
         objects,
         id=jnp.where(is_new, tracklets.id[row], objects.id),
         class_id=jnp.where(is_new, tracklets.class_id[row], objects.class_id),
+        class_lead=jnp.where(is_new, tracklets.class_lead[row], objects.class_lead),
         seen=jnp.where(is_new, 0, objects.seen),
         visits=jnp.where(is_new, 1, objects.visits),
         last=jnp.where(is_new, tracklets.last[row], objects.last),
@@ -222,7 +224,7 @@ def learn_objects(
     sightings: Sightings,
     frame: Int[Array, ""],
 ) -> Objects:
-    """Backgrounds, sizes and counts of the objects in view.
+    """Classes, backgrounds, sizes and counts of the objects in view.
 
     Args:
       objects: Objects.
@@ -234,10 +236,13 @@ def learn_objects(
     size = jnp.where(sightings.touches[row], jnp.maximum(objects.size, size), size)
     has_ring = visible & sightings.has_ring[row]
     ring_count = objects.ring_count + has_ring
+    class_id, lead = vote(objects.class_id, objects.class_lead, sightings.class_id[row], visible)
     rate = has_ring / jnp.maximum(ring_count, 1)
     step = jnp.where(has_ring[:, None], sightings.ring[row] - objects.ring, 0.0)
     return dataclasses.replace(
         objects,
+        class_id=class_id,
+        class_lead=lead,
         seen=objects.seen + visible,
         last=jnp.where(visible, frame, objects.last),
         size=jnp.where(visible, size, objects.size),

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
+from remind_jax.plus.class_names import vote
 from remind_jax.plus.evidence import calibrate
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
@@ -121,7 +122,7 @@ def score_links(
       tracklets: Tracklets, carried to this frame.
       sightings: Detections.
       cosine: Of their whitened looks.
-      look_odds: Log odds that these are looks of one object, as far as they count.
+      look_odds: Log odds that these are looks and names of one object, as far as they count.
       frame: Number of this frame.
       t: Weights.
       mobile: What own movement is.
@@ -144,14 +145,14 @@ def score_links(
         - t.size * log_ratio
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
-    possible &= sightings.class_id[:, None] == tracklets.class_id[None]
     return Links(tracklets.box, tracklets.center, score, possible & (score > t.least))
 
 
-def link(links: Links, class_id: Int[Array, "N"], t: th.Linking) -> Int[Array, "N"]:
+def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
     """The tracklet that each detection goes on with, NO_SLOT for the first of a new one."""
-    alone = jnp.full(len(class_id), t.least)
-    return assign_in_graph(links.score, links.possible, class_id, alone, jnp.array(True))
+    num = len(links.score)
+    alone, one_group = jnp.full(num, t.least), jnp.zeros(num, jnp.int32)
+    return assign_in_graph(links.score, links.possible, one_group, alone, jnp.array(True))
 
 
 def advance_tracklets(
@@ -186,6 +187,7 @@ def advance_tracklets(
     num = len(origin)
     linked = origin != NO_SLOT
     old = jax.tree.map(lambda leaf: leaf[jnp.where(linked, origin, 0)], tracklets)
+    class_id, lead = vote(old.class_id, old.class_lead, sightings.class_id, linked)
     starts = sightings.valid & ~linked
     age = jnp.where(linked, old.age, 0) + sightings.valid
     ring_count = jnp.where(linked, old.ring_count, 0) + sightings.has_ring
@@ -202,7 +204,8 @@ def advance_tracklets(
     here = Tracklets(
         alive=sightings.valid,
         id=go_on(old.id, next_id + count_before(starts)),
-        class_id=sightings.class_id,
+        class_id=go_on(class_id, sightings.class_id),
+        class_lead=go_on(lead, 1),
         slot=go_on(old.slot, NO_SLOT),
         last=jnp.full(num, frame, jnp.int32),
         age=age,

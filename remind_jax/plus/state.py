@@ -22,6 +22,7 @@ from remind_jax.numerics.constant_arrays import eye, full, zeros
 from remind_jax.plus.static import (
     BANK_SLOTS,
     CLASS_ROWS,
+    NAME_ROWS,
     REFRESH_FRAMES,
     num_tracklets,
     white_dim,
@@ -41,6 +42,7 @@ class Objects:
 
     id: Int[Array, "O"]  # -1 in free slots
     class_id: Int[Array, "O"]
+    class_lead: Int[Array, "O"]  # detections by which that class leads
     seen: Int[Array, "O"]  # frames in which it was seen and decided
     last: Int[Array, "O"]  # the last of them
     visits: Int[Array, "O"]  # tracklets that were decided to be it
@@ -81,6 +83,7 @@ class Tracklets:
     alive: Bool[Array, "T"]
     id: Int[Array, "T"]  # what it would be called as a new object
     class_id: Int[Array, "T"]
+    class_lead: Int[Array, "T"]  # detections by which that class leads
     slot: Int[Array, "T"]  # its object once decided, NO_SLOT while open
     last: Int[Array, "T"]  # frame
     age: Int[Array, "T"]  # detections so far
@@ -136,6 +139,7 @@ class Scene:
     faded: Float[Array, "2"]
     # Cosines of looks of one object in two frames: their weight, sum, and sum of squares.
     links: Float[Array, "3"]
+    names: Float[Array, "L L"]  # times that a tracklet of one class went on as another
     speed: Float[Array, ""]  # mean own movement per frame of the objects in view lately
     # How often the last decisions were "new", [0, 1], and how much of that was seen, [0, 1]: of all
     # objects, and class by class.
@@ -198,6 +202,7 @@ def _no_objects(static: Static) -> Objects:
     return Objects(
         id=_whole(num, value=NO_ID),
         class_id=_whole(num, value=NO_ID),
+        class_lead=_whole(num),
         seen=_whole(num),
         last=_whole(num, value=LONG_AGO),
         visits=_whole(num),
@@ -228,6 +233,7 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         alive=zeros(num, bool),
         id=_whole(num, value=NO_ID),
         class_id=_whole(num, value=NO_ID),
+        class_lead=_whole(num),
         slot=_whole(num, value=NO_SLOT),
         last=_whole(num, value=LONG_AGO),
         age=_whole(num),
@@ -273,6 +279,7 @@ def _unknown_scene(static: Static) -> Scene:
         cosine_squares=_real(2),
         faded=_real(2, value=1.0),
         links=_real(3),
+        names=_real(NAME_ROWS, NAME_ROWS),
         speed=_real(),
         newness=_real(1 + CLASS_ROWS, value=0.5),
         newness_known=_real(1 + CLASS_ROWS),

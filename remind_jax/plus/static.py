@@ -9,6 +9,7 @@ WAITING = 3  # tracklets that may wait for one, per detection slot; the latest o
 COMPARED_DIM = 64  # looks are compared in at most this many main directions
 BANK_SLOTS = 8  # remembered looks per object
 NUM_CANDIDATES = 8  # objects that an open tracklet is compared with at length
+NAME_ROWS = 96  # rows of what is learned of confused class names; classes beyond share rows
 CLASS_ROWS = 32  # rows of what is learned class by class; classes beyond share rows
 REFRESH_FRAMES = 3  # the whitening is renewed every so many frames
 NUM_WITNESSES = 64  # other detections that one is weighed together with, the nearest of a crowd

@@ -157,6 +157,16 @@ class Looks:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class Names:
+    """What class names say (method_plus.md#class-names)."""
+
+    confused: Real = setting(0.1, "chance of another name for one thing before any was seen",
+        "probability")
+    samples: Real = setting(20.0, "weight of what is assumed before", "detections")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Calibration:
     """What cosines of the same and of other objects look like in this scene.
 
@@ -315,6 +325,7 @@ class PlusThresholds(AsArrays):
     mobility: Mobility = dataclasses.field(default_factory=Mobility)
     place: Place = dataclasses.field(default_factory=Place)
     looks: Looks = dataclasses.field(default_factory=Looks)
+    names: Names = dataclasses.field(default_factory=Names)
     calibration: Calibration = dataclasses.field(default_factory=Calibration)
     layout: Layout = dataclasses.field(default_factory=Layout)
     decision: Decision = dataclasses.field(default_factory=Decision)

@@ -17,6 +17,7 @@ from remind_jax.decision import Outcome, Overflow
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
 from remind_jax.plus.answers import conclude, report
+from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
 from remind_jax.plus.decision import decide, learn_newness
 from remind_jax.plus.evidence import (
     Shortlist,
@@ -126,14 +127,16 @@ def _advance(
     # Where the image goes on, so do most of its objects; over a cut only looks can tell.
     unlike = link_odds(likeness, state.scene, t)
     limited = jnp.maximum(unlike, -t.linking.unlike)
+    confused = confusion_odds(state.scene, t.names)
     look_odds = limited + doubt_of(motion, t.motion) * (unlike - limited)
+    look_odds += name_odds(sightings.class_id, state.tracklets.class_id, confused)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, frame, t)
     objects, pairs = move_map(
         state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion, t.mobility
     )
     carried = dataclasses.replace(state.tracklets, box=links.box, center=links.center)
     # Which detection goes on with which tracklet?
-    origin = link(links, sightings.class_id, t.linking)
+    origin = link(links, t.linking)
     tracklets, next_id, change = advance_tracklets(
         carried,
         sightings,
@@ -150,6 +153,11 @@ def _advance(
     share = share_of(here, objects, t.looks)
     scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, share, frame, t.looks)
     scene = learn_links(scene, state.tracklets, likeness, origin, share, frame, t)
+    before = jnp.maximum(origin, 0)
+    goes_on = (origin != NO_SLOT) & (state.tracklets.last[before] == frame - 1)
+    scene = learn_names(
+        scene, state.tracklets.class_id[before], sightings.class_id, jnp.where(goes_on, share, 0.0)
+    )
     scene, objects = renew_whitening(scene, objects, frame, t.looks)
     # What could every open tracklet be?
     rows = find_rows(here, sightings.valid, t.decision)
@@ -161,7 +169,10 @@ def _advance(
 
     def weigh() -> tuple[Shortlist, Weighed]:
         admitted = admit(here, rows, held, objects, pairs, t.decision)
-        best = shortlist(here, sightings, admitted, waiting, cosine, objects, pairs, scene, t)
+        names = name_odds(here.class_id, objects.class_id, confused)
+        best = shortlist(
+            here, sightings, admitted, waiting, cosine, names, objects, pairs, scene, t
+        )
         return best, weigh_jointly(best, here.slot, visible, sightings, objects, pairs, frame, t)
 
     # In many frames everything in view is decided.

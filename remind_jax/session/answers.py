@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.crops import Crops
-from remind_jax.decision import NO_ID, Decisions
-from remind_jax.frame import Detections, Frame, Rle
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
+from remind_jax.frame import Rle
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.outputs.run_records import Event
+from remind_jax.printing.words import plural
 from remind_jax.session.preparation import Prepared
 from remind_jax.tracks import Tracks
 
@@ -38,17 +39,15 @@ def outline(masks: Bool[np.ndarray, "N H W"] | Crops) -> Outlines:
     return Outlines(encode_masks(crops), boxes, crops.areas)
 
 
-def read_tracks(
-    frame: Frame, detections: Detections, outlines: Outlines, decisions: Decisions
-) -> Tracks:
+def read_tracks(prepared: Prepared, outlines: Outlines, decisions: Decisions) -> Tracks:
     """Joins what was decided and what was seen.
 
     Args:
-      frame: The frame.
-      detections: Those that were decided about.
+      prepared: The frame, and the detections that were decided about.
       outlines: Of the same detections.
       decisions: Host arrays; slots behind the detections are left out.
     """
+    frame, detections, is_double = prepared.frame, prepared.detections, prepared.is_double
     num, d = len(detections), decisions
     candidate_id, candidate_score = _name_candidates(d)
 
@@ -61,8 +60,8 @@ def read_tracks(
         time_s=frame.time_s,
         name=frame.name,
         frame_size=frame.size,
-        outcome=take(d.outcome),
-        reason=take(d.reason),
+        outcome=np.where(is_double, Outcome.DROPPED, take(d.outcome)).astype(d.outcome.dtype),
+        reason=np.where(is_double, Reason.DOUBLE, take(d.reason)).astype(d.reason.dtype),
         object_id=take(d.object_id),
         pending_id=take(d.pending_id),
         status=take(d.status),
@@ -93,7 +92,14 @@ def note_omissions(
     if bad := int(decisions.num_bad_patches):
         message = f"{bad} patches were left out for a feature that is not finite"
         omitted.append(Event(index, "features", message))
-    if empty := num - int(np.sum(np.asarray(prepared.masks.valid[:num]))):
+    if doubles := int(np.sum(prepared.is_double)):
+        message = (
+            f"{plural(doubles, 'detection')} left out that overlap a better one of the same class; "
+            "see input.double_overlap"
+        )
+        omitted.append(Event(index, "double", message))
+    used = np.asarray(prepared.masks.valid[:num]) | prepared.is_double
+    if empty := num - int(np.sum(used)):
         omitted.append(Event(index, "dropped", f"{empty} empty masks were dropped"))
     return omitted
 

@@ -359,7 +359,7 @@ class Tracker(Printable):
         described = time.perf_counter()
         self.events = []
         decisions, outlines = self._memory.step(frame_feats, prepared, self.config.thresholds)
-        decided = read_tracks(prepared.frame, prepared.detections, outlines, decisions)
+        decided = read_tracks(prepared, outlines, decisions)
         merges = [] if self.method.host.merges is None else self.method.host.merges(self.state)
         pictured = prepared.frame.image if self.config.input.keep_pictures else None
         known_ids = self._memory.known_ids

@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from remind_jax.config import Config
 from remind_jax.crops import Crops
@@ -14,10 +15,13 @@ from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.masks.alignment import Alignment
 from remind_jax.masks.closeups import Closeups, cut_closeups
+from remind_jax.masks.doubles import find_doubles
 from remind_jax.masks.erosion import erode_masks
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.method import Method
 from remind_jax.observation import Masks
+
+ANY_CLASS = "thing"  # class of all detections where classes are not to be compared
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +34,7 @@ class Prepared:
     features: np.ndarray | None  # patch features that came with the frame
     masks: Masks  # one slot per detection
     num_ignored: int  # detections of ignored classes
+    is_double: Bool[np.ndarray, "N"]  # second detections of one thing, which are not decided about
     stage_ms: dict[str, float]
     closeups: Closeups | None = None  # of the detections, where these are described
     observed: Any = None  # what the method observed between the last frame and this one
@@ -72,7 +77,13 @@ class FramePreparer:
         masks = alignment.align_masks(detections.masks)
         reduced = reduce_masks(
             masks,
-            np.array([self._class_id(name) for name in detections.labels], np.int32),
+            np.array(
+                [
+                    self._class_id(ANY_CLASS if options.class_agnostic else name)
+                    for name in detections.labels
+                ],
+                np.int32,
+            ),
             detections.scores,
             num_slots=len(detections),
             patch_px=self._patch_px_of(frame),
@@ -84,6 +95,10 @@ class FramePreparer:
             erosion_px=options.erosion_px,
             **gaps,
         )
+        is_double = find_doubles(
+            detections.masks, detections.labels, detections.scores, options.double_overlap
+        )
+        reduced = dataclasses.replace(reduced, valid=reduced.valid & ~is_double)
         image = None if frame.image is None else alignment.align_image(frame.image)
         closeups = None
         if self._with_closeups and image is not None and frame.features is None:
@@ -103,6 +118,7 @@ class FramePreparer:
             features=frame.features,
             masks=reduced,
             num_ignored=num_ignored,
+            is_double=is_double,
             stage_ms=spent,
             closeups=closeups,
             observed=observed,

@@ -42,6 +42,9 @@ from remind_jax.sources import LiveSource, Sampling, Source, open_source
 from remind_jax.sources.opening import NO_MASKS, check_options
 from remind_jax.sources.source import SampledSource
 
+# Frames that answers about a recording wait; longer changes next to nothing (`docs/plus.md`).
+RECORDED_DELAY = 20
+
 _MAX_DELAY = 1_000_000  # frames
 
 
@@ -62,7 +65,7 @@ def run(
     out: str | Path | None = None,
     overlay: bool = True,
     trace: bool = False,
-    delay: int = 0,
+    delay: int | None = None,
     announce_after: int | None = None,
     overwrite: bool = False,
     resume: bool = False,
@@ -98,7 +101,8 @@ def run(
       overlay: False leaves out the overlay video.
       trace: Keep what every decision was made of, for `Result.explain`.
       delay: Frames that answers wait, to be revised by what turns out meanwhile; only trackers that
-        decide late, such as "plus", can do so.
+        decide late, such as "plus", can do so. Left out, those wait `RECORDED_DELAY` frames before
+        a recorded source, for which nobody waits, and none before a live one.
       announce_after: Detections after which an object gets its id, back to its first sight; what is
         seen less often stays provisional. `input.announce_after` of the configuration if left out,
         and 0 there is 1 for masks and `announcement.DETECTOR_DEFAULT` for a detector.
@@ -161,11 +165,11 @@ def run(
         _keep_apart(folder, frames, mcap, masks, metadata, weights, config, detector)
     # Pictures cannot be written anew, so frames wait until most objects that will be announced are:
     # detectors miss them now and then, hence twice the detections that it takes.
-    waiting = max(0, 2 * after - delay) if after > 1 else 0
+    waiting = 2 * after if after > 1 else 0
     checkpoints = None if folder is None else Checkpoints(folder)
-    loop = FrameLoop(
-        tracking, frames, found_by, _delay_answers(tracking, delay), waiting, checkpoints
-    )
+    delay = _choose_delay(delay, tracking, frames)
+    delayed = tracking.method.host.delayed(delay) if delay else None
+    loop = FrameLoop(tracking, frames, found_by, delayed, waiting, checkpoints)
     with contextlib.ExitStack() as stack:
         if live is not False:
             loop.view = stack.enter_context(_open_page(frames, live, on_live))
@@ -274,14 +278,15 @@ def _open_page(
         yield view
 
 
-def _delay_answers(tracker: Tracker, delay: int) -> Any:
-    """What revises answers, None if they are given at once."""
-    check_option("delay", delay, 0, _MAX_DELAY)
-    if not delay:
-        return None
-    if tracker.method.host.delayed is None:
+def _choose_delay(asked: int | None, tracker: Tracker, source: Source) -> int:
+    """Frames that answers wait."""
+    can_wait = tracker.method.host.delayed is not None
+    if asked is None:
+        return RECORDED_DELAY if can_wait and not isinstance(source, LiveSource) else 0
+    check_option("delay", asked, 0, _MAX_DELAY)
+    if asked and not can_wait:
         raise ConfigError(
             f"tracker '{tracker.method.name}' never revises an answer; leave out delay, or use "
             "tracker 'plus'"
         )
-    return tracker.method.host.delayed(delay)
+    return asked

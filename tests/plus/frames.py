@@ -48,6 +48,7 @@ def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
         getattr(begun, name)[:num] = getattr(seen, name)
     begun.first_look[:num] = seen.look
     begun.last[:num], begun.age[:num], begun.id[:num] = frame, 1, np.arange(num)
+    begun.class_lead[:num] = 1
     return dataclasses.replace(begun, **fields)
 
 
@@ -66,5 +67,5 @@ def objects_of(looks, **fields) -> Objects:
     known, num = jax.tree.map(np.array, init(STATIC).objects), len(looks)
     known.id[:num], known.class_id[:num], known.seen[:num] = np.arange(num), 0, 10
     known.bank[:num, 0] = known.white_bank[:num, 0] = looks
-    known.bank_count[:num, 0] = 1
+    known.bank_count[:num, 0] = known.class_lead[:num] = 1
     return dataclasses.replace(jax.tree.map(jnp.asarray, known), **fields)

@@ -10,6 +10,7 @@ import numpy as np
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import evidence
+from remind_jax.plus.class_names import confusion_odds, name_odds
 from remind_jax.plus.evidence import Rows, best_cosine, mix, shortlist
 from remind_jax.plus.static import MISSED_FRAMES
 from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
@@ -29,7 +30,10 @@ def _candidates(here, objects, seen, held, waiting):
     state = empty_state()
     admitted = admit(here, YOUNG, held, objects, state.pairs, T.decision)
     cosine = best_cosine(seen.look, objects)
-    return shortlist(here, seen, admitted, waiting, cosine, objects, state.pairs, state.scene, T)
+    names = name_odds(here.class_id, objects.class_id, confusion_odds(state.scene, T.names))
+    return shortlist(
+        here, seen, admitted, waiting, cosine, names, objects, state.pairs, state.scene, T
+    )
 
 
 def test_the_object_that_looks_and_lies_alike_comes_first():

@@ -11,20 +11,21 @@ import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import linking
+from remind_jax.plus.class_names import confusion_odds, name_odds
 from remind_jax.plus.observation import Motion
 from remind_jax.plus.static import MISSED_FRAMES
-from tests.plus.frames import T, detections, motion, tracklets_of
+from tests.plus.frames import T, detections, empty_state, motion, tracklets_of
 
 ROOM = 8
+SCENE = empty_state().scene
 carry, advance_tracklets = jax.jit(linking.carry), jax.jit(linking.advance_tracklets)
 
 
 @jax.jit
 def join(seen, tracklets, cosine=np.ones((3, ROOM), np.float32)):  # noqa: B008
-    links = linking.score_links(
-        tracklets, seen, cosine, jnp.zeros_like(cosine), jnp.int32(1), T.linking, T.mobility
-    )
-    return linking.link(links, seen.class_id, T.linking)
+    names = name_odds(seen.class_id, tracklets.class_id, confusion_odds(SCENE, T.names))
+    links = linking.score_links(tracklets, seen, cosine, names, jnp.int32(1), T.linking, T.mobility)
+    return linking.link(links, T.linking)
 
 
 def test_detections_go_on_with_the_tracklets_where_they_lie():
@@ -33,12 +34,21 @@ def test_detections_go_on_with_the_tracklets_where_they_lie():
     assert join(now, tracklets_of(before, 0, ROOM)).tolist() == [1, 2, 0]
 
 
-def test_nothing_goes_on_far_away_or_with_another_class():
+def test_nothing_goes_on_far_away_or_with_another_class_and_look():
     tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM)
     far = detections([[6, 4], [4, 1], [1, 4]])
     assert join(far, tracklets, cosine=jnp.zeros((3, ROOM))).tolist() == [NO_SLOT, 1, 2]
     other = detections([[1, 1], [4, 1], [1, 4]], class_id=jnp.array([1, 0, 0]))
-    assert join(other, tracklets).tolist() == [NO_SLOT, 1, 2]
+    unlike = jnp.ones((3, ROOM)).at[0, 0].set(-1.0)
+    assert join(other, tracklets, cosine=unlike).tolist() == [NO_SLOT, 1, 2]
+
+
+def test_what_lies_and_looks_alike_goes_on_under_another_class_unless_one_of_its_class_is_there():
+    tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM)
+    renamed = detections([[1, 1], [4, 1], [1, 4]], class_id=jnp.array([1, 0, 0]))
+    assert join(renamed, tracklets).tolist() == [0, 1, 2]
+    beside = detections([[1, 1], [1.05, 1], [1, 4]], class_id=jnp.array([1, 0, 0]))
+    assert join(beside, tracklets).tolist() == [NO_SLOT, 0, 2]
 
 
 def test_looks_decide_where_two_lie_alike():

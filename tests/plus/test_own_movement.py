@@ -160,8 +160,8 @@ def test_looks_of_what_moves_may_decide_alone():
         cosine = jnp.full((3, 4), 0.95)
         admitted = jnp.broadcast_to(objects.exists[None], (3, 4))
         found = shortlist(
-            here, detections(START), admitted, jnp.zeros(4, bool), cosine, objects, state.pairs,
-            state.scene, T,
+            here, detections(START), admitted, jnp.zeros(4, bool), cosine, jnp.zeros((3, 4)),
+            objects, state.pairs, state.scene, T,
         )  # fmt: skip
         first = jnp.argmax(found.slot[0] == 0)
         return jax.tree.map(lambda kind: float(kind[0, first]), found.evidence)

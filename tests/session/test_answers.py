@@ -7,10 +7,13 @@ import dataclasses
 import jax
 import numpy as np
 
+from remind_jax.config import load_config
 from remind_jax.decision import Outcome, no_decisions
 from remind_jax.frame import Detections, Frame
 from remind_jax.masks.run_length import decode_mask
+from remind_jax.method import get_method
 from remind_jax.session.answers import outline, read_tracks
+from remind_jax.session.preparation import FramePreparer
 from remind_jax.static import Static
 
 STATIC = Static(num_detections=4, num_candidates=2)
@@ -48,7 +51,9 @@ def test_undecided_detections_name_their_options_and_others_the_nearest():
     frame, detections = Frame(3, 6, 0.5, "a"), Detections.create(masks)
     image = np.zeros((12, 16, 3), np.uint8)
     frame = dataclasses.replace(frame, image=image)
-    tracks = read_tracks(frame, detections, outline(masks), decisions)
+    frame = dataclasses.replace(frame, detections=detections)
+    prepared = FramePreparer(get_method("plus"), 4).prepare(frame, load_config())
+    tracks = read_tracks(prepared, outline(masks), decisions)
     assert len(tracks) == 2  # padding slots are left out
     assert tracks.candidate_id.tolist() == [[7, 8, -1], [5, 7, -1]]
     assert tracks.candidate_score[1].tolist() == [0.5, 0.25, 0.0]

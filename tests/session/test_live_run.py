@@ -114,7 +114,7 @@ def test_a_camera_that_stays_away_leaves_a_whole_folder(tmp_path, monkeypatch):
 def test_a_recorded_run_is_repeated_with_equal_identities(tmp_path):
     with Camera(fps=30) as camera:
         result = run(camera, sampling={"max_frames": 8}, record=tmp_path / "seen")
-    again = rj.run(tmp_path / "seen", detector=cameras.detect, **OPTIONS)
+    again = rj.run(tmp_path / "seen", detector=cameras.detect, delay=0, **OPTIONS)
     rows = tmp_path / "seen" / "detections.jsonl"
     by_masks = rj.run(tmp_path / "seen", masks=rows, **OPTIONS)
     assert is_same(result, again)

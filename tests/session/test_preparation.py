@@ -48,6 +48,27 @@ def test_classes_are_numbered_as_they_are_met():
     assert list(one.class_ids) == ["cup", "mug", "bowl"]
 
 
+def test_without_classes_all_detections_are_of_one():
+    one = preparer()
+    blind = one.prepare(frame_of("cup", "mug"), CONFIG.updated({"input.class_agnostic": True}))
+    assert blind.masks.class_id.tolist() == [0, 0]
+    assert blind.detections.labels == ("cup", "mug")
+
+
+def test_second_detections_of_one_thing_are_no_detections_unless_kept():
+    frame = frame_of("cup", "cup")
+    masks = np.array(frame.detections.masks)
+    masks[1] = masks[0]
+    doubled = dataclasses.replace(
+        frame, detections=Detections.create(masks, ["cup", "cup"], [0.4, 0.9])
+    )
+    prepared = preparer().prepare(doubled, CONFIG)
+    assert prepared.is_double.tolist() == [True, False]
+    assert prepared.masks.valid.tolist() == [False, True]
+    kept = preparer().prepare(doubled, CONFIG.updated({"input.double_overlap": 0.0}))
+    assert kept.masks.valid.tolist() == [True, True]
+
+
 def test_the_previous_image_is_observed_by_methods_that_observe(monkeypatch):
     seen = []
     plus = get_method("plus")

@@ -1,0 +1,80 @@
+"""What a class name says: a detector may call one thing by several (method_plus.md#class-names).
+
+Letters: `N` detections, `L` rows of classes; classes beyond share rows. Evidence is in log odds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.state import Scene
+from remind_jax.plus.static import NAME_ROWS
+
+
+def confusion_odds(scene: Scene, t: th.Names) -> Float[Array, "L L"]:
+    """Log odds, 0 at most, that one thing has both names, by rows of classes.
+
+    By how often tracklets went on under another name, and by what is assumed of names never seen.
+    """
+    counts = scene.names + scene.names.T
+    total = jnp.sum(counts, axis=1) + t.samples
+    kept = (jnp.diagonal(counts) + t.samples) / total
+    both = (counts + t.samples * t.confused) / jnp.sqrt(total[:, None] * total[None, :])
+    odds = jnp.log(both) - 0.5 * jnp.log(kept[:, None] * kept[None, :])
+    # What is counted of two classes of one row is of both of them alone.
+    return jnp.where(jnp.eye(NAME_ROWS, dtype=bool), jnp.log(t.confused), jnp.minimum(odds, 0.0))
+
+
+def name_odds(
+    left: Int[Array, "N"], right: Int[Array, "X"], confused: Float[Array, "L L"]
+) -> Float[Array, "N X"]:
+    """Log odds of each two class numbers to be of one thing; 0 for the same."""
+    found = confused[_row_of(left)[:, None], _row_of(right)[None, :]]
+    return jnp.where(left[:, None] == right[None, :], 0.0, found)
+
+
+def learn_names(
+    scene: Scene, before: Int[Array, "N"], now: Int[Array, "N"], weight: Float[Array, "N"]
+) -> Scene:
+    """Counts which names tracklets go on under.
+
+    Args:
+      scene: Statistics so far.
+      before: Class of the tracklet that each detection goes on with.
+      now: Class of the detection.
+      weight: How much it teaches; 0 where nothing goes on.
+    """
+    rows = _row_of(before), _row_of(now)
+    is_told = (before == now) | (rows[0] != rows[1])
+    names = scene.names.at[rows].add(jnp.where(is_told, weight, 0.0))
+    return dataclasses.replace(scene, names=names)
+
+
+def vote(
+    class_id: Int[Array, "X"],
+    lead: Int[Array, "X"],
+    named: Int[Array, "X"],
+    votes: Bool[Array, "X"],
+) -> tuple[Int[Array, "X"], Int[Array, "X"]]:
+    """The class that most detections name, and its lead, after one more detection of each.
+
+    Boyer and Moore's vote: right wherever one class has more than half of all.
+
+    Args:
+      class_id: The class so far.
+      lead: Detections by which it leads.
+      named: Class of the next detection.
+      votes: Where there is one.
+    """
+    left = jnp.where(named == class_id, lead + 1, lead - 1)
+    changes = votes & (left < 0)
+    left = jnp.where(changes, 1, left)
+    return jnp.where(changes, named, class_id), jnp.where(votes, left, lead)
+
+
+def _row_of(class_id: Int[Array, "X"]) -> Int[Array, "X"]:
+    return jnp.maximum(class_id, 0) % NAME_ROWS
