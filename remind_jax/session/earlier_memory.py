@@ -55,8 +55,8 @@ def with_new_leaves(
     tensors: Mapping[str, np.ndarray], method: Method, static: Static
 ) -> dict[str, np.ndarray]:
     """The tensors with leaves that there were not yet, as in an empty memory."""
-    if not method.host.new_leaves:
+    missing = [name for name in method.host.new_leaves if name not in tensors]
+    if not missing:
         return dict(tensors)
     leaves = dict(named_leaves(method.make_empty(static)))
-    added = {name: leaves[name] for name in method.host.new_leaves}
-    return added | dict(tensors)
+    return {name: leaves[name] for name in missing} | dict(tensors)

@@ -196,7 +196,8 @@ def load_memory(path: str | Path) -> SavedMemory:
     expected = _shape(method.name, static)
     if metadata["schema"] == str(EARLIER_VERSION):
         tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
-        tensors = with_new_leaves(without_decisions(tensors, static), method, static)
+        tensors = without_decisions(tensors, static)
+    tensors = with_new_leaves(tensors, method, static)
     _check_tensors(tensors, expected, path)
     leaves = [tensors[name] for name, _ in named_leaves(expected)]
     state = jax.tree.unflatten(jax.tree.structure(expected), leaves)
