@@ -39,7 +39,8 @@ def find_merges(state: Any) -> list[tuple[int, int]]:
 class DelayedAnswers:
     """Holds back the answers of some frames and revises them by what is known then.
 
-    No id is given twice in a frame: where a revision would do so, the earlier answer stays.
+    No id is given twice in a frame: where a revision would do so, the earlier answer stays. An
+    answer that stays has the confidence that it has by then.
     """
 
     def __init__(self, delay: int) -> None:
@@ -95,7 +96,12 @@ class DelayedAnswers:
         # One that waits for an id that another gives up comes after that one.
         for row in [*range(len(revised)), *range(len(revised))]:
             one, now = latest[row], revised[row]
-            if one is None or now in (NO_ID, object_id[row]) or now in taken:
+            if one is None or now == NO_ID:
+                continue
+            if now == object_id[row]:
+                confidence[row] = score[row] = one.confidence
+                continue
+            if now in taken:
                 continue
             taken.discard(int(object_id[row]))
             taken.add(now)

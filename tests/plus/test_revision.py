@@ -89,6 +89,14 @@ def test_a_new_object_that_turned_out_to_be_known_is_that_one_from_the_start():
     assert find_merges(frames[0][1]) == []
 
 
+def test_an_answer_that_stays_is_as_sure_as_it_is_by_then():
+    first = answers(0, [3], [Outcome.MATCH])
+    later = dataclasses.replace(answers(1, [3], [Outcome.MATCH]), confidence=np.array([0.9]))
+    told, _ = run(1, [(first, state([7])), (later, state([7]))])
+    assert (told.confidence.tolist(), told.score.tolist()) == ([0.9], [0.9])
+    assert first.confidence.tolist() == [0.5]
+
+
 def test_no_id_is_given_twice_in_a_frame():
     both = [Outcome.MATCH, Outcome.AMBIGUOUS]
     frames = [
