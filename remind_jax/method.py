@@ -60,6 +60,10 @@ class AtRest(Protocol):
         """Ids of all objects at rest."""
         ...
 
+    def num_bytes(self) -> int:
+        """What they take, in bytes."""
+        ...
+
     def forget(self, ids: Iterable[int]) -> None:
         """Lets objects go with all that is kept of them."""
         ...

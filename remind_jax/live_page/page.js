@@ -107,6 +107,7 @@ function show(state) {
   byId("frames").textContent = state.frames;
   byId("missed").textContent = state.missed === null ? "–" : state.missed;
   byId("objects").textContent = state.num_objects;
+  showMemory(state.memory);
   list(byId("in-view"), state.in_view.map((one) => entry(
     swatch(one.color), one.name,
     one.confidence === null ? one.outcome : `${one.outcome}, ${one.confidence.toFixed(2)}`)));
@@ -114,6 +115,13 @@ function show(state) {
   drawTimeline(state.timeline);
   age = state.age_ms === null ? null : {ms: state.age_ms, at: performance.now()};
   showAge();
+}
+
+function showMemory(memory) {
+  if (memory === null) return;
+  byId("bytes").textContent = `${(memory.bytes / 1e6).toFixed(1)} MB`;
+  byId("held").textContent =
+    `memory: ${memory.working_set} objects in the working set, ${memory.at_rest} at rest`;
 }
 
 function showAge() {

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from remind_jax.decision import NO_ID, Outcome
@@ -16,6 +17,7 @@ from remind_jax.frame import Frame
 from remind_jax.outputs.drawing import encode_jpeg, fit_image, identity_color, to_hex
 from remind_jax.outputs.gallery import crop_detection
 from remind_jax.outputs.overlay import detection_color, draw_overlay
+from remind_jax.outputs.run_records import MemoryUse
 from remind_jax.sources import LiveSource
 from remind_jax.tracks import Tracks
 
@@ -80,6 +82,7 @@ class LiveView:
         self._changed, self._drawing = threading.Condition(), threading.Lock()
         self._version, self._num_shown, self._is_over = 0, 0, False
         self._frame: tuple[np.ndarray | None, Tracks] | None = None
+        self._memory: MemoryUse | None = None
         self._objects: dict[int, _Object] = {}  # by their ids in memory
         self._in_view: list[int] = []
         self._arrived = self._now_s = 0.0
@@ -87,9 +90,14 @@ class LiveView:
         self._drawn: tuple[int, bytes] | None = None
 
     def show(
-        self, frame: Frame, tracks: Tracks, decided: Tracks | None, merges: Sequence[Any] = ()
+        self,
+        frame: Frame,
+        tracks: Tracks,
+        decided: Tracks | None,
+        merges: Sequence[Any] = (),
+        memory: MemoryUse | None = None,
     ) -> None:
-        """Takes the newest frame."""
+        """Takes the newest frame, and what the memory holds since."""
         age_s = 0.0 if self._source is None else self._source.age_s(frame)
         memory_ids = (tracks if decided is None else decided).object_id.tolist()
         with self._changed:
@@ -104,7 +112,7 @@ class LiveView:
                     self._see(memory_id, object_id, tracks.labels[row], frame.time_s)
             self._picture_some(frame, tracks, memory_ids)
             self._forget_some()
-            self._frame = (frame.image, tracks)
+            self._frame, self._memory = (frame.image, tracks), memory
             self._arrived, self._now_s = now - age_s, frame.time_s
             self._shown_at.append(now)
             self._num_shown += 1
@@ -140,6 +148,7 @@ class LiveView:
                 "age_ms": None if not self._is_live else 1000 * (self._clock() - self._arrived),
                 "fps": self._measure_speed(),
                 "num_objects": len(self._objects),
+                "memory": None if self._memory is None else msgspec.to_builtins(self._memory),
                 "in_view": [] if tracks is None else self._list_rows(tracks),
                 "remembered": [
                     {

@@ -8,6 +8,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from remind_jax import files
@@ -26,7 +27,7 @@ from remind_jax.outputs.presence import (
     ObjectHistory,
     find_histories,
 )
-from remind_jax.outputs.run_records import Event, KnownObject, RunInfo
+from remind_jax.outputs.run_records import Event, KnownObject, MemoryUse, RunInfo
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.tracks import Tracks
 
@@ -50,6 +51,7 @@ class Result(Printable):
     skipped: tuple[SkippedFrame, ...] = ()
     events: tuple[Event, ...] = ()
     grown_at: tuple[int, ...] = ()  # frames at which the memory got more room; not kept in files
+    memory: MemoryUse | None = None  # at the end
     complete: bool = True  # False if the run was interrupted
     comparison: tuple[tuple[str, ...], ...] = ()  # with the truth: rows under `COMPARISON_HEADS`
     # What the decisions were made of, if that was kept.
@@ -200,6 +202,7 @@ class Result(Printable):
             "summary": self.summary(),
             "first_frame_ms": self.first_frame_ms,
             "compile_s": self.compile_s,
+            "memory": None if self.memory is None else msgspec.to_builtins(self.memory),
             "skipped": [dataclasses.asdict(frame) for frame in self.skipped],
             "events": [dataclasses.asdict(event) for event in self.events],
             "comparison": self.comparison,
@@ -232,6 +235,7 @@ class Result(Printable):
             timings_ms=run.timings_ms,
             first_frame_ms=run.first_frame_ms,
             compile_s=run.compile_s,
+            memory=run.memory,
             skipped=tuple(run.skipped),
             events=tuple(run.events),
             complete=run.complete,

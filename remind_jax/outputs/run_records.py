@@ -15,7 +15,7 @@ from msgspec import Meta
 
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
-from remind_jax.files.limits import MAX_ROWS
+from remind_jax.files.limits import MAX_INTEGER, MAX_ROWS
 from remind_jax.files.records import Count, Label, Side, Small, Text, Whole, check
 from remind_jax.frame import SkippedFrame
 from remind_jax.masks.run_length import find_malformed
@@ -89,6 +89,15 @@ class StartRow(msgspec.Struct, frozen=True):
     info: msgspec.Raw = msgspec.Raw(b"{}")
 
 
+class MemoryUse(msgspec.Struct, frozen=True):
+    """What a memory holds, and what that takes."""
+
+    objects: Count  # all that are known
+    working_set: Count  # of these, in slots of the step
+    at_rest: Count  # the others, on the host
+    bytes: Annotated[int, Meta(ge=0, le=MAX_INTEGER)]  # of arrays; programs and pictures apart
+
+
 class SummaryRecord(msgspec.Struct, frozen=True):
     """What is read of the summary in `run.json`."""
 
@@ -109,6 +118,7 @@ class RunRecord(msgspec.Struct, frozen=True):
     skipped: Annotated[list[SkippedFrame], Meta(max_length=MAX_FRAMES)]
     events: Annotated[list[Event], Meta(max_length=MAX_FRAMES)]
     summary: SummaryRecord | None = None
+    memory: MemoryUse | None = None
     comparison: Annotated[tuple[tuple[Label, Label, Label, Label], ...], Meta(max_length=100)] = ()
 
 

@@ -89,6 +89,17 @@ class Archive:
         """Ids of all objects at rest."""
         return list(self._resting)
 
+    def num_bytes(self) -> int:
+        """Bytes of what is kept of the objects, of partners, and of looks to be found by."""
+        partners = sum(map(len, self._partners.values())) * _PARTNER.itemsize
+        if not self._resting:
+            return partners
+        one = next(iter(self._resting.values()))
+        of_one = sum(value.nbytes for value in one.values.values())
+        looks = sum(len(one.bank) for one in self._resting.values())
+        of_look = one.bank.shape[-1] * one.bank.itemsize + one.bank_count.itemsize
+        return partners + len(self) * of_one + looks * (of_look + self.looks.bytes_of_look)
+
     def partners(self, object_id: int) -> np.ndarray:
         """Whom it was seen with, as far as it rested since: fields `id`, `covisible` and others."""
         return self._partners.get(object_id, NO_PARTNERS)

@@ -75,6 +75,11 @@ class LookIndex:
         self._where: dict[int, list[_Block]] = {}  # of each object
         self._whitener: Whitener | None = None  # of new blocks, and of others by and by
 
+    @property
+    def bytes_of_look(self) -> int:
+        """What one look takes here."""
+        return 0 if self._whitener is None else 4 * (sum(self._whitener.matrix.shape) + 1)
+
     def add(self, owners: Sequence[Owner], whitener: Whitener) -> None:
         """Adds the looks of objects; `whitener` is how looks are whitened now."""
         whitener = self._follow(whitener)

@@ -108,6 +108,10 @@ class ObjectsAtRest:
         """Ids of all objects at rest."""
         return self.archive.ids()
 
+    def num_bytes(self) -> int:
+        """Bytes of all that is kept of them."""
+        return self.archive.num_bytes()
+
     def forget(self, ids: Iterable[int]) -> None:
         """Lets objects go with all that is kept of them."""
         self.archive.forget(set(ids))

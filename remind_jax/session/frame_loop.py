@@ -204,6 +204,7 @@ class FrameLoop:
             skipped=tuple(self.source.skipped),
             events=tuple(self._events),
             grown_at=tuple(self._grown_at),
+            memory=self.tracker.memory_use,
             complete=complete,
             trace=archive,
         )
@@ -242,7 +243,7 @@ class FrameLoop:
         start = time.perf_counter()
         tracks = tracker.advance(prepared)
         if self.view is not None:
-            self.view.show(upcoming.frame, tracks, told.decided, told.merges)
+            self.view.show(upcoming.frame, tracks, told.decided, told.merges, tracker.memory_use)
         tracked = time.perf_counter()
         first_ms: float | None = None
         age_ms = self._age_ms(upcoming.frame)

@@ -22,6 +22,7 @@ from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import AtRest, Method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.observation import AnyFeats
+from remind_jax.outputs.run_records import MemoryUse
 from remind_jax.printing.words import listing
 from remind_jax.session.ahead import Ahead
 from remind_jax.session.answers import Outlines, outline
@@ -189,6 +190,16 @@ class GrowingMemory:
         """Ids of all objects, at rest or not, and of those that are coming to be."""
         resting = () if self.at_rest is None else self.at_rest.ids()
         return {*self._method.known_ids(self.state), *resting}
+
+    def use(self) -> MemoryUse:
+        """How many objects there are, where they lie, and what that takes."""
+        if self.state is None:
+            return MemoryUse(0, 0, 0, 0)
+        present = int(np.sum(np.asarray(self.state.objects.id) != NO_ID))
+        resting = 0 if self.at_rest is None else len(self.at_rest.ids())
+        num_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(self.state))
+        num_bytes += 0 if self.at_rest is None else self.at_rest.num_bytes()
+        return MemoryUse(present + resting, present, resting, num_bytes)
 
     def _new_rest(self) -> AtRest | None:
         make = self._method.host.at_rest

@@ -26,7 +26,7 @@ from remind_jax.files import as_path
 from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_of
 from remind_jax.method import get_method
 from remind_jax.observation import AnyFeats
-from remind_jax.outputs.run_records import Event
+from remind_jax.outputs.run_records import Event, MemoryUse
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import choose_after
@@ -155,11 +155,12 @@ class Tracker(Printable):
     @property
     def num_objects(self) -> int:
         """Objects in memory."""
-        if self.state is None:
-            return 0
-        at_rest = self._memory.at_rest
-        resting = 0 if at_rest is None else len(at_rest.ids())
-        return int(np.sum(jax.device_get(self.state.objects).id >= 0)) + resting
+        return self.memory_use.objects
+
+    @property
+    def memory_use(self) -> MemoryUse:
+        """How many objects it holds, where they lie, and what that takes."""
+        return self._memory.use()
 
     def objects(self) -> tuple[RememberedObject, ...]:
         """What is known of each object in memory that got an id, by rising id."""

@@ -13,6 +13,7 @@ import pytest
 from remind_jax.frame import Frame
 from remind_jax.live_page import view as views
 from remind_jax.live_page.view import LiveView
+from remind_jax.outputs.run_records import MemoryUse
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_run
 
@@ -63,6 +64,17 @@ def test_who_is_in_view_and_who_is_remembered(run):
     assert gone["unseen_s"] == pytest.approx(1.0)
     assert state["num_objects"] == len(known)
     json.dumps(state, allow_nan=False)
+
+
+def test_what_the_memory_holds_is_told(run):
+    view = LiveView("room", clock=Clock())
+    show(view, run, 0)
+    assert view.state()["memory"] is None
+    frames, result = run
+    view.show(frames[1], result.tracks[1], None, (), MemoryUse(300, 128, 172, 5_000_000))
+    assert view.state()["memory"] == {
+        "objects": 300, "working_set": 128, "at_rest": 172, "bytes": 5_000_000
+    }  # fmt: skip
 
 
 def test_an_absence_leaves_a_gap_in_the_timeline(run):

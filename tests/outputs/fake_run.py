@@ -11,7 +11,7 @@ from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_records import Event, RunInfo
+from remind_jax.outputs.run_records import Event, MemoryUse, RunInfo
 from remind_jax.outputs.writer import RunWriter
 from remind_jax.tracks import Tracks
 
@@ -120,6 +120,7 @@ def make_run(
         },
         first_frame_ms=812.5,
         compile_s=6.25,
+        memory=MemoryUse(objects=5, working_set=4, at_rest=1, bytes=1000),
         skipped=(SkippedFrame("000017.jpg", "the image is corrupt"),),
         events=(Event(12, "features", "2 patches were left out"),),
     )

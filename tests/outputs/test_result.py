@@ -124,6 +124,7 @@ def test_saved_run_is_loaded_whole(tmp_path):
     assert loaded.skipped == result.skipped
     assert loaded.events == result.events
     assert loaded.complete
+    assert loaded.memory == result.memory
     assert (loaded.first_frame_ms, loaded.compile_s) == (812.5, 6.25)
     # Times are written to a microsecond.
     np.testing.assert_allclose(loaded.timings_ms["step"], result.timings_ms["step"], atol=5e-4)

@@ -87,6 +87,18 @@ def test_rest_and_return_lose_nothing_but_the_place():
         rested = archive.rest(woken, EMPTY, slots)
 
 
+def test_bytes_are_those_of_rows_partners_and_looks():
+    archive = Archive()
+    assert archive.num_bytes() == 0
+    archive.rest(remembered(20), EMPTY, range(12))
+    tensors = archive.tensors()
+    kept = sum(one.nbytes for name, one in tensors.items() if not name.startswith("num_"))
+    looks, dim, white = len(tensors["bank"]), 6, EMPTY.scene.whitener.shape[0]
+    assert archive.num_bytes() == kept - tensors["partners_of"].nbytes + looks * 4 * (
+        dim + white + 1
+    )
+
+
 def test_relations_outlast_a_rest_of_either_object():
     state = remembered(6)
     archive = Archive()
@@ -167,6 +179,9 @@ def test_what_rested_is_known_again_and_no_program_grows(building, tmp_path):
     first = walk(tracker, building, range(18))
     assert tracker.static.num_objects == 64
     assert tracker.num_objects == 18 * PER_PLACE == len(tracker.objects())
+    use = tracker.memory_use
+    assert (use.objects, use.objects - use.working_set) == (18 * PER_PLACE, use.at_rest)
+    assert 0 < use.working_set <= 64
     tracker.save(tmp_path / "memory.safetensors")
     again = walk(tracker, building, (2, 11, 5), start=180)
     assert again == [first[2], first[11], first[5]]

@@ -63,6 +63,9 @@ def test_a_killed_run_ends_as_if_nothing_had_happened(tmp_path, whole, num):
     result = track(tmp_path / "run", resume=True)
     assert result.complete
     assert compare_runs(whole, tmp_path / "run") == []
+    assert result.memory is not None
+    assert result.memory.objects == len(result.objects())
+    assert rj.Result.load(tmp_path / "run").memory == rj.Result.load(whole).memory == result.memory
     assert not (tmp_path / "run" / CHECKPOINT_NAME).exists()
 
 
