@@ -185,7 +185,9 @@ def worsened(seed: int, num_frames: int) -> Iterator[Any]:
 
 
 def measure(args: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    options = DetectorOptions(confidence=args.confidence, class_agnostic=args.class_agnostic)
+    options = DetectorOptions(
+        confidence=args.confidence, suppress_across_classes=args.class_agnostic
+    )
     folders = sorted(args.data.iterdir()) if args.data and args.data.is_dir() else []
     sequences = [f for f in folders if (f / "Annotations").is_dir()]
     if args.sequence:

@@ -26,7 +26,7 @@ class DetectorOptions:
 
     confidence: float = 0.25  # lowest score that is kept; the paper's runs used 0.7
     iou: float = 0.5  # two boxes that overlap more are one thing (networks that need suppression)
-    class_agnostic: bool = False  # suppress across classes too
+    suppress_across_classes: bool = False  # boxes of two classes may be one thing too
     max_detections: int = 100  # the best-scored ones are kept
     mask_threshold: float = 0.5  # probability from which a pixel belongs to an instance
     erosion_px: int = 2  # square kernel of 2 r + 1, once; the image border does not eat into masks

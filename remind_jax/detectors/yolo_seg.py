@@ -229,14 +229,14 @@ def read_suppressed_rows(rows: Float[np.ndarray, "N F"], confidence: float) -> C
 
 
 def suppress_duplicates(candidates: Candidates, options: DetectorOptions) -> Candidates:
-    """Non-maximum suppression, among candidates of one class unless `class_agnostic`."""
+    """Non-maximum suppression, among candidates of one class unless `suppress_across_classes`."""
     if len(candidates.scores) == 0:
         return candidates
     # OpenCV keeps classes apart by shifting their boxes, which needs coordinates of 0 or more.
     origin = candidates.boxes[:, :2].min(axis=0)
     corners = candidates.boxes[:, :2] - origin
     sides = candidates.boxes[:, 2:] - candidates.boxes[:, :2]
-    classes = candidates.class_index * (not options.class_agnostic)
+    classes = candidates.class_index * (not options.suppress_across_classes)
     kept = cv2.dnn.NMSBoxesBatched(
         np.concatenate([corners, sides], axis=1).tolist(),
         candidates.scores.tolist(),

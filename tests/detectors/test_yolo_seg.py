@@ -125,7 +125,7 @@ def test_suppression_equals_a_plain_loop(seed, num, agnostic):
     boxes = np.concatenate([near, near + rng.uniform(5, 60, (num, 2))], axis=1)
     scores, classes = rng.uniform(0.1, 1, num), rng.integers(0, 3, num)
     candidates = Candidates(boxes, scores, classes, np.arange(num)[:, None].astype(float))
-    options = DetectorOptions(iou=0.4, class_agnostic=agnostic)
+    options = DetectorOptions(iou=0.4, suppress_across_classes=agnostic)
     kept = suppress_duplicates(candidates, options).coefficients[:, 0]
     expected = suppress_one_by_one(boxes, scores, np.zeros(num) if agnostic else classes, 0.4)
     assert sorted(kept.astype(int)) == sorted(expected)
@@ -221,9 +221,9 @@ def raw_outputs() -> dict[str, np.ndarray]:
     ("options", "expected"),
     [
         ({}, ["wall", "cup", "chair"]),
-        ({"class_agnostic": True}, ["wall", "cup"]),
+        ({"suppress_across_classes": True}, ["wall", "cup"]),
         ({"ignored_classes": ("WALL",)}, ["cup", "chair"]),
-        ({"ignored_classes": ("cup",), "class_agnostic": True}, ["wall", "chair"]),
+        ({"ignored_classes": ("cup",), "suppress_across_classes": True}, ["wall", "chair"]),
         ({"classes": ("chair",)}, ["chair"]),
         ({"max_detections": 2}, ["wall", "cup"]),
         ({"confidence": 0.75}, ["wall", "cup"]),
