@@ -9,7 +9,7 @@ that looks are compared in.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -76,6 +76,11 @@ class LookIndex:
         self._whitener: Whitener | None = None  # of new blocks, and of others by and by
 
     @property
+    def class_ids(self) -> Collection[int]:
+        """All classes that looks are or were of."""
+        return self._blocks.keys()
+
+    @property
     def bytes_of_look(self) -> int:
         """What one look takes here."""
         return 0 if self._whitener is None else 4 * (sum(self._whitener.matrix.shape) + 1)
@@ -117,8 +122,8 @@ class LookIndex:
         may_renew = True
         for one_class in np.unique(class_id).tolist():
             rows = np.flatnonzero(class_id == one_class)
-            found = []
-            for block in self._blocks.get(one_class, []):
+            blocks, cosines = self._blocks.get(one_class, []), []
+            for block in blocks:
                 if may_renew and block.whitener is not whitener:
                     block.renew(whitener)
                     may_renew = len(block.owner) < MAX_BLOCK  # of large ones, one at a time
@@ -126,13 +131,32 @@ class LookIndex:
                 if key not in whitened:
                     whitened[key] = block.whitener.whiten(looks)
                 cosine = whitened[key][rows] @ block.white.T
-                found.append((block.owner, np.where(block.owner == NO_ID, -1.0, cosine)))
-            if found:
-                owner = np.concatenate([one for one, _ in found])
-                cosine = np.concatenate([one for _, one in found], axis=1)
-                for row, of_row in zip(rows, cosine, strict=True):
-                    best_owner[row], best[row] = _first(owner, of_row, num)
+                cosine[:, block.owner == NO_ID] = -1.0
+                cosines.append(cosine)
+            if blocks:
+                best_owner[rows], best[rows] = self._first(blocks, cosines, num)
         return best_owner, best
+
+    def _first(
+        self, blocks: list[_Block], cosines: list[Float[np.ndarray, "Q _"]], num: int
+    ) -> tuple[Int[np.ndarray, "Q num"], Float[np.ndarray, "Q num"]]:
+        """The owners of the largest cosines, each once; whoever is found is taken out of these."""
+        place_of = {id(block): place for place, block in enumerate(blocks)}
+        largest = np.stack([cosine.max(axis=1) for cosine in cosines], axis=1)
+        owners = np.full((len(largest), num), NO_ID, np.int32)
+        best = np.full((len(largest), num), -1.0, np.float32)
+        for row, of_row in enumerate(largest):
+            for place in range(num):
+                at = int(np.argmax(of_row))
+                if of_row[at] <= -1.0:
+                    break
+                owner = blocks[at].owner[np.argmax(cosines[at][row])]
+                owners[row, place], best[row, place] = owner, of_row[at]
+                for block in self._where[int(owner)]:
+                    there = place_of[id(block)]
+                    cosines[there][row, block.owner == owner] = -1.0
+                    of_row[there] = cosines[there][row].max()
+        return owners, best
 
     def _follow(self, whitener: Whitener) -> Whitener:
         """The whitener to use: the one in use until much more was learned."""
@@ -158,17 +182,3 @@ class LookIndex:
             block.look[rows], block.white[rows] = owner.looks[start:end], white[start:end]
             places.append(block)
             start = end
-
-
-def _first(
-    owner: Int[np.ndarray, "L"], cosine: Float[np.ndarray, "L"], num: int
-) -> tuple[Int[np.ndarray, "num"], Float[np.ndarray, "num"]]:
-    """The owners of the largest cosines, each once."""
-    owners, best = np.full(num, NO_ID, np.int32), np.full(num, -1.0, np.float32)
-    for place in range(num):
-        at = int(np.argmax(cosine))
-        if cosine[at] <= -1.0:
-            break
-        owners[place], best[place] = owner[at], cosine[at]
-        cosine = np.where(owner == owner[at], np.float32(-1.0), cosine)
-    return owners, best

@@ -6,18 +6,19 @@ Before a frame is decided, the archive is asked for the looks of what no decided
 with. The objects that look most alike come, and with them whom they stand beside, so that a place
 is recognized as a group.
 
-Letters: `N` detections, `O` object slots, `T` tracklets, `Q` looks that are asked for.
+Letters: `N` detections, `O` object slots, `T` tracklets, `Q` looks that are asked for, `L` rows of
+classes, `A` looks under each name.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus.archive import Archive, Snapshot
@@ -33,6 +34,7 @@ PLAUSIBLE, CLEAR = 0.3, 0.6
 USUAL = np.array([0.1, 0.7], np.float32)  # cosines of others and of the same, before any is known
 USUAL_WEIGHT = 20.0  # cosines that this counts for
 BEHIND = 0.25  # what looks by so much less alike than another candidate does not come
+OTHER_NAME = 0.02  # share of frames from which on a class is known to change to another one
 FOLLOWED_OVERLAP, FOLLOWED_COSINE = 0.3, 0.5  # what plainly goes on with a tracklet
 ASKED_AGAIN = (2, 5)  # is asked for at these numbers of detections, while it is open
 NEAR = 1.5 * FRAME_AREA**0.5  # objects within are in the working set while their place is known
@@ -150,13 +152,18 @@ class ObjectsAtRest:
         filled = np.asarray(state.objects.bank_count) > 0
         plausible = _usual_cosines(state.scene, PLAUSIBLE)
         clear = _usual_cosines(state.scene, CLEAR)
-        looks, class_id = sightings.look[rows], sightings.class_id[rows]
+        known = self.archive.looks.class_ids
+        of_row, class_id = _names_of(sightings.class_id[rows], known, np.asarray(state.scene.names))
+        if not len(of_row):
+            return []
+        looks = sightings.look[rows[of_row]]
         found, cosine = self.archive.looks.search(looks, class_id, whitener, NUM_ASKED)
         present = whitener.whiten(looks) @ bank.reshape(-1, bank.shape[-1]).T
         same = filled & (class_id[:, None, None] == np.asarray(state.objects.class_id)[:, None])
-        here = np.max(np.where(same.reshape(len(rows), -1), present, -1.0), axis=1)
-        best = np.maximum(here, cosine[:, 0])[:, None]
-        comes = (cosine > plausible) & (cosine > best - BEHIND)
+        here = np.max(np.where(same.reshape(len(looks), -1), present, -1.0), axis=1)
+        best = np.full(len(rows), -1.0, np.float32)
+        np.maximum.at(best, of_row, np.maximum(here, cosine[:, 0]))
+        comes = (cosine > plausible) & (cosine > best[of_row, None] - BEHIND)
         for one, value in zip(found[comes].tolist(), cosine[comes].tolist(), strict=True):
             alike[one] = max(alike.get(one, -1.0), value)
         for one, value in alike.items():
@@ -193,6 +200,33 @@ class ObjectsAtRest:
 @functools.lru_cache(maxsize=4)
 def _empty(static: Static) -> PlusState:
     return jax.device_get(init(static))
+
+
+def _names_of(
+    class_id: Int[np.ndarray, "Q"], known: Collection[int], names: Float[np.ndarray, "L L"]
+) -> tuple[Int[np.ndarray, "A"], Int[np.ndarray, "A"]]:
+    """The classes that each look is asked for under: its own, and names that change with it.
+
+    Args:
+      class_id: Of each look.
+      known: Classes of objects at rest.
+      names: Times that a tracklet of one class went on as another.
+
+    Returns:
+      Number of the look, and a class.
+    """
+    changes = names + names.T
+    total = changes.sum(axis=1) + USUAL_WEIGHT
+    often = changes > OTHER_NAME * np.sqrt(total[:, None] * total)
+    asked = [
+        (look, other)
+        for look, own in enumerate(class_id.tolist())
+        for other in known
+        if own == other or (own % len(names) != other % len(names)
+                            and often[own % len(names), other % len(names)])
+    ]  # fmt: skip
+    of_look, other = np.array(asked, int).reshape(-1, 2).T
+    return of_look, other
 
 
 def _usual_cosines(scene: Scene, share: float) -> float:

@@ -11,6 +11,7 @@ from benchmarks.building import PER_PLACE, STAY, Building
 from remind_jax.errors import ConfigError
 from remind_jax.plus.archive import MAX_PARTNERS, Archive
 from remind_jax.plus.look_index import LookIndex, Owner, Whitener
+from remind_jax.plus.recall import _names_of
 from remind_jax.plus.state import UNRELATED, init
 from remind_jax.plus.whitening import whiten
 from remind_jax.static import Static
@@ -139,6 +140,14 @@ def test_search_is_exact_however_looks_came_and_went():
     assert found[4].tolist() == [-1] * 3
 
 
+def test_looks_are_asked_for_under_names_that_change():
+    names = np.zeros((8, 8), np.float32)
+    names[2, 2], names[3, 3], names[3, 2], names[2, 5] = 100, 100, 9, 1
+    asked = _names_of(np.array([2, 3, 7, 5]), {2, 3, 5, 10}, names)
+    under = [set(asked[1][asked[0] == look].tolist()) for look in range(4)]
+    assert under == [{2, 3}, {2, 3, 10}, set(), {5}]
+
+
 def test_looks_are_whitened_on_the_host_as_in_the_step():
     rng = np.random.default_rng(2)
     matrix = rng.normal(size=EMPTY.scene.whitener.shape).astype(np.float32)
@@ -202,7 +211,10 @@ def test_a_file_whose_objects_at_rest_do_not_belong_together_is_refused(tmp_path
     archive = Archive()
     state = archive.rest(remembered(9), EMPTY, range(5))
     tensors = archive.tensors()
-    for name, tensor in tensors.items():
+    earlier = {name: tensor for name, tensor in tensors.items() if name != "class_lead"}
+    snapshot = Archive.restored([earlier], state, 3).snapshot()
+    assert [int(one.values["class_lead"]) for one in snapshot.resting.values()] == [0] * 5
+    for name, tensor in earlier.items():
         with pytest.raises((ValueError, KeyError)):
             Archive.restored([{**tensors, name: tensor[1:]}], state, 3)
         lacking = {key: one for key, one in tensors.items() if key != name}
