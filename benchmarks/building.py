@@ -158,25 +158,19 @@ def plot(rows_of_files: list[dict[str, Any]], path: Path) -> None:
     matplotlib.rcParams.update({"svg.hashsalt": "building", "svg.fonttype": "none", "font.size": 9})
     import matplotlib.pyplot as plt
 
-    figure, panels = plt.subplots(1, 3, figsize=(9, 2.6), layout="constrained")
-    shown = {
-        "cpu_ms": "median CPU ms of a frame",
-        "peak_GB": "peak memory, GB",
-        "known_again": "known again, %",
-    }
+    figure, panels = plt.subplots(1, 2, figsize=(7, 2.6), layout="constrained")
+    shown = {"median_ms": "median frame, ms", "peak_GB": "peak memory of the process, GB"}
     for panel, (name, title) in zip(panels, shown.items(), strict=True):
         for tracker in dict.fromkeys(row["tracker"] for row in rows_of_files):
             own = [row for row in rows_of_files if row["tracker"] == tracker]
             own.sort(key=lambda row: row["objects"])
-            scale = [100 / row["asked"] if name == "known_again" else 1.0 for row in own]
-            values = [row[name] * factor for row, factor in zip(own, scale, strict=True)]
             label = "default (plus)" if tracker == "default" else tracker
+            values = [row[name] for row in own]
             panel.plot([row["objects"] for row in own], values, marker="o", ms=3, label=label)
         panel.set(xscale="log", xlabel="objects known", title=title)
         panel.set_ylim(bottom=0)
         panel.spines[["top", "right"]].set_visible(False)
-    panels[0].set(yscale="log", ylim=(None, None))
-    panels[-1].legend(frameon=False)
+    panels[0].legend(frameon=False)
     figure.savefig(path, metadata={"Date": None})
 
 

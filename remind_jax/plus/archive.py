@@ -287,9 +287,11 @@ class Archive:
 def _resting_of(tensors: Mapping[str, np.ndarray], blank: Objects) -> dict[int, Resting]:
     """Objects at rest by id, from arrays of a file that may be damaged."""
     num = len(tensors["id"])
-    lacking = {name: getattr(blank, name) for name in _ADDED if name not in tensors}
-    zeros = {name: np.zeros((num, *leaf.shape[1:]), leaf.dtype) for name, leaf in lacking.items()}
-    tensors = {**tensors, **zeros}
+    empty: dict[str, np.ndarray] = {}
+    for name in _ADDED:
+        leaf = getattr(blank, name)
+        empty[name] = np.zeros((num, *leaf.shape[1:]), leaf.dtype)
+    tensors = empty | dict(tensors)
     for name in (*_COPIED, "bank", "bank_count"):
         leaf, own = getattr(blank, name), tensors[name]
         _require(own.dtype == leaf.dtype, f"'{name}' is of type {own.dtype}")
