@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from remind_jax import files
 from remind_jax.backbone.registry import Backbone
 from remind_jax.errors import OutputError
 from remind_jax.files import as_path, make_folder, read_bytes, replace_file, user_cache_folder
@@ -29,15 +28,7 @@ def default_folder() -> Path:
     return user_cache_folder() / "features"
 
 
-@dataclasses.dataclass
-class Tally:
-    """What a cache was asked for so far."""
-
-    num_found: int = 0  # images
-    num_computed: int = 0
-
-
-def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None = None) -> Backbone:
+def cache_features(backbone: Backbone, folder: str | Path) -> Backbone:
     """The same backbone, which computes only what is not in a folder yet.
 
     It cannot be traced, and attention is not kept.
@@ -45,7 +36,7 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
     Raises:
       OutputError: If the folder cannot be made.
     """
-    folder, tally = as_path(folder, "the feature cache", OutputError), tally or Tally()
+    folder = as_path(folder, "the feature cache", OutputError)
     make_folder(folder)
 
     def apply(images: UInt8[np.ndarray, "B H W 3"]) -> Float[jax.Array, "B Hp Wp D"]:
@@ -60,18 +51,9 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
             make_folder(places[i].parent)
             replace_file(places[i], _as_file(places[i], new))
             features[i] = new
-        tally.num_computed += len(missing)
-        tally.num_found += len(images) - len(missing)
         return jnp.stack([jnp.asarray(one) for one in features])
 
     return dataclasses.replace(backbone, apply=apply, apply_to=None)
-
-
-def remove_unfinished(folder: str | Path) -> None:
-    """Removes what processes that died were writing to a folder of features."""
-    for below in Path(folder).iterdir():
-        if below.is_dir():
-            files.remove_unfinished(below)
 
 
 def place_of(image: UInt8[np.ndarray, "H W 3"], backbone: Backbone) -> Path:

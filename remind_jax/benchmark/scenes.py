@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from remind_jax.errors import SourceError, nearest_names
 from remind_jax.sources import davis, open_source, scannetpp
-from remind_jax.sources.file_tree import FileTree, FolderTree, is_tar_name, open_tree
+from remind_jax.sources.file_tree import FileTree
 from remind_jax.sources.sampling import Sampling
 from remind_jax.sources.source import Source
 
@@ -55,7 +55,7 @@ def find_scenes(root: str | Path, metadata: str | None = None) -> tuple[Scene, .
     places = sorted(data.iterdir()) if data.is_dir() else [root]
     scenes = [scene for place in places for scene in _scenes_at(place, metadata)]
     if not scenes and not data.is_dir():
-        below = sorted(p for p in root.iterdir() if p.is_dir() or is_tar_name(p.name))
+        below = sorted(p for p in root.iterdir() if p.is_dir())
         scenes = [scene for place in below for scene in _scenes_at(place, metadata)]
     if not scenes:
         raise SourceError(
@@ -85,10 +85,10 @@ def select_scenes(scenes: tuple[Scene, ...], names: tuple[str, ...]) -> tuple[Sc
 
 
 def _scenes_at(path: Path, metadata: str | None) -> list[Scene]:
-    """Scenes of a folder or archive; none if it is something else."""
-    if not path.is_dir() and not is_tar_name(path.name):
+    """Scenes of a folder; none if it is something else."""
+    if not path.is_dir():
         return []
-    tree = FolderTree(path) if path.is_dir() else open_tree(path)
+    tree = FileTree(path)
     chosen = None if metadata is None else path / metadata
     if chosen is not None and not chosen.is_file():
         chosen = None
@@ -104,9 +104,9 @@ def _scenes_at(path: Path, metadata: str | None) -> list[Scene]:
             )
             for sequence in davis.list_sequences(tree)
         ]
-    if scannetpp.is_scene(tree):
-        name, has_masks = scannetpp.scene_name(path), _has_scannetpp_masks(path, tree)
-        return [Scene(name, path, "scannetpp", has_masks, metadata=chosen)]
+    if scannetpp.find_images(tree) is not None:
+        has_masks = _has_scannetpp_masks(path, tree)
+        return [Scene(path.name, path, "scannetpp", has_masks, metadata=chosen)]
     return []
 
 
@@ -114,4 +114,4 @@ def _has_scannetpp_masks(path: Path, tree: FileTree) -> bool:
     if scannetpp.find_masks(tree) is not None:
         return True
     beside = scannetpp.find_annotations_beside(path)
-    return beside is not None and scannetpp.find_masks(open_tree(beside)) is not None
+    return beside is not None and scannetpp.find_masks(FileTree(beside)) is not None

@@ -43,12 +43,12 @@ class Calibrate:
       remind calibrate rooms/ --backbone dinov2-vits14 --out dinov2.yaml
     """
 
-    # folders or archives with images and masks, or videos for a detector; a minute with several
+    # folders with images and masks, or videos for a detector; a minute with several
     # objects in view is enough
     sources: Annotated[Positional[tuple[Path, ...]], arg(metavar="SCENE ...")]
     backbone: BackboneName = "patch-statistics"
     weights: Path | None = None  # converted weights; found or fetched if left out
-    feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
+    feature_cache: Path | None = None  # keep features there and reuse them
     masks: Path | None = None  # of the scene, if there is one only and its layout holds none
     detector: Path | None = None  # ONNX segmentation export, instead of masks
     out: Path | None = None  # YAML file to write; where runs look for it if left out
@@ -62,7 +62,7 @@ class Calibrate:
     def execute(self) -> int:
         """Calibrates and reports; returns the exit code."""
         if not self.sources:
-            raise SourceError("name the scenes to calibrate on: folders or archives with masks")
+            raise SourceError("name the scenes to calibrate on: folders with masks")
         if self.detector is None:
             refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         more = scene_options(self.layout, self.masks, len(self.sources))

@@ -11,13 +11,11 @@ from tyro.conf import Positional, arg
 
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
-from remind_jax.errors import ConfigError, SourceError
-from remind_jax.files import say_no_file
+from remind_jax.errors import ConfigError
 from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
     from weights_convert.conversion import Conversion
-    from weights_convert.reference_values import Check
 
 
 @quiet_defaults
@@ -45,7 +43,6 @@ class Convert:
     position: Literal["offset", "size"] | None = None
     heads: int | None = None  # attention heads, of networks that were never published
     custom: bool = False  # allow networks that were never published
-    verify: Path | None = None  # compare with published values; COCO image 000000039769.jpg
     overwrite: bool = False  # replace an existing file
     json: bool = False  # print what was done as JSON
     quiet: bool = False  # say nothing but errors
@@ -54,8 +51,6 @@ class Convert:
         """Converts, checks and reports; returns the exit code."""
         if self.source is None:
             raise ConfigError("name the weight file to convert; 'remind backbones' lists networks")
-        if self.verify is not None and (wrong := say_no_file(self.verify)):
-            raise SourceError(f"image '{self.verify}' {wrong}; give a picture")
         from weights_convert.conversion import convert
         from weights_convert.variant_detection import Wishes
 
@@ -63,21 +58,15 @@ class Convert:
         done = convert(
             self.source, self.out, wishes=wishes, dtype=self.dtype, overwrite=self.overwrite
         )
-        check = None
-        if self.verify is not None:
-            from weights_convert.reference_values import check_values
-
-            check = check_values(done.path, self.verify)
         if self.json:
-            print(json.dumps(_facts(done, check), indent=1))
+            print(json.dumps(_facts(done), indent=1))
         elif not self.quiet:
-            _print_facts(done, check)
-        is_refuted = check is not None and check.nearest is not None and not check.agrees
-        return process.ERROR if is_refuted else process.FINE
+            _print_facts(done)
+        return process.FINE
 
 
-def _facts(done: Conversion, check: Check | None) -> dict[str, object]:
-    facts: dict[str, object] = {
+def _facts(done: Conversion) -> dict[str, object]:
+    return {
         "path": str(done.path),
         "variant": done.variant.name,
         "layout": done.layout,
@@ -87,12 +76,9 @@ def _facts(done: Conversion, check: Check | None) -> dict[str, object]:
         "licence": done.licence,
         "dropped": list(done.dropped),
     }
-    if check is not None:
-        facts["verified"] = dataclasses.asdict(check) | {"agrees": check.agrees}
-    return facts
 
 
-def _print_facts(done: Conversion, check: Check | None) -> None:
+def _print_facts(done: Conversion) -> None:
     lines = [
         f"{done.path}: {done.variant.name}, {done.num_bytes / 2**20:.1f} MiB",
         f"  source   {done.layout}, sha256 {done.source_sha256}",
@@ -102,24 +88,3 @@ def _print_facts(done: Conversion, check: Check | None) -> None:
     if done.dropped:
         lines.append(f"  left out, needed in training only: {', '.join(done.dropped)}")
     print_lines(lines)
-    if check is not None:
-        _print_check(check)
-
-
-def _print_check(check: Check) -> None:
-    from weights_convert.reference_values import IMAGE_NAME, TOLERANCE
-
-    rows = [("cls", check.cls), ("patch 0", check.patch)]
-    if check.nearest is None:
-        print("  no values are known for this network; its first ones are:")
-    else:
-        known = check.nearest
-        rows += [(f"{known.weights} cls", known.cls), (f"{known.weights} patch 0", known.patch)]
-        verdict = "agrees with" if check.agrees else "DIFFERS from"
-        line = (
-            f"  {verdict} the values published for {IMAGE_NAME}: largest difference "
-            f"{check.difference:.1e}, {TOLERANCE:.0e} is allowed"
-        )
-        print_lines([line])
-    for name, values in rows:
-        print(f"    {name:18}" + " ".join(f"{value:9.5f}" for value in values))

@@ -61,8 +61,6 @@ class Eval:
     visits: bool = False
     # TrackEval's definitions, or the original evaluator's (every deviation is named)
     protocol: Literal["standard", "paper"] = "standard"
-    # protocol paper: how candidates are settled
-    collapse: Literal["hungarian", "greedy"] = "hungarian"
     num_frames: int | None = None  # text: length of the sequence; up to the last frame if left out
     class_id: int | None = None  # text: class to score; MOT: all, MOTS: 2 (pedestrian) if left out
     # processed frames out of view that make a return; 5, as in reports, suits truth with gaps where
@@ -152,7 +150,6 @@ class Eval:
             for evaluation in evaluate_paper(
                 self.truth,
                 path,
-                collapse=self.collapse,
                 format=self.format,
                 truth_format=self.truth_format,
                 name=name,

@@ -25,7 +25,6 @@ from remind_jax.cli.demo import Demo
 from remind_jax.cli.eval import Eval
 from remind_jax.cli.explain import Explain
 from remind_jax.cli.export import Export
-from remind_jax.cli.features import Features
 from remind_jax.cli.flags import KINDS, UsageError, spell_flag
 from remind_jax.cli.label import Label
 from remind_jax.cli.memory import Memory
@@ -80,7 +79,6 @@ VERBS: dict[str, type[Verb]] = {
     "backbones": Backbones,
     "calibrate": Calibrate,
     "convert": Convert,
-    "features": Features,
     "warmup": Warmup,
     "config": ConfigVerb,
 }

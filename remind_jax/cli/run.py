@@ -1,4 +1,4 @@
-"""`remind run`: from a video, folder or archive to identities and an output folder."""
+"""`remind run`: from a video or folder to identities and an output folder."""
 
 from __future__ import annotations
 
@@ -42,12 +42,10 @@ DEFAULT_FOLDER = Path("runs")
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """What to read where a folder or archive leaves a choice."""
+    """What to read where a folder leaves a choice."""
 
     metadata: Path | None = None  # JSON with the class of each instance id
     sequence: str | None = None  # which one, where a DAVIS folder holds several
-    images: str | None = None  # which images of a ScanNet++ scene, e.g. iphone/rgb
-    mask_variant: str | None = None  # which masks of a ScanNet++ scene, e.g. raw
     unlabelled: Literal["error", "skip"] = "error"  # instances without class
     image_fps: float = 30.0  # images per second where there are no time stamps
     allow_size_change: bool = False  # go on when the frame size changes, else skip such frames
@@ -64,7 +62,6 @@ class Run:
       remind run rooms.mp4 --detector yolo11n-seg.onnx --classes chair cup
       remind run frames/ --masks masks/            instance maps, one per image
       remind run DAVIS --sequence bear             masks of the layout
-      remind run scene.tar --fps 5                 read in place
       remind run rooms.mp4 --masks detections.json COCO run-length masks
       remind run frames/ --masks masks/ --set thresholds.decision.new=1.5
       remind run tuesday/ --memory runs/monday/memory.safetensors
@@ -73,15 +70,15 @@ class Run:
       remind run rtsp://10.0.0.5/main --detector m.onnx  a stream
     """
 
-    # video, folder or tar of images, DAVIS or ScanNet++ folder or tar, feature file (.npz); number
-    # of a camera, or address of a stream (rtsp, rtsps, http, https)
+    # video, folder of images, DAVIS or ScanNet++ folder, feature file (.npz); number of a
+    # camera, or address of a stream (rtsp, rtsps, http, https)
     source: Annotated[Positional[str], arg(metavar="SOURCE")]
-    # instance maps (folder, tar, .npz) or COCO JSON; 'none' ignores those of the layout
+    # instance maps (folder, .npz) or COCO JSON; 'none' ignores those of the layout
     masks: Path | None = None
     detector: Path | None = None  # ONNX segmentation export (YOLO-seg, RF-DETR-seg)
     backbone: BackboneName = "patch-statistics"
     weights: Path | None = None  # converted weights; found or fetched if left out
-    feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
+    feature_cache: Path | None = None  # keep features there and reuse them
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
     tracker: TrackerName = None

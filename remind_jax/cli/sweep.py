@@ -57,7 +57,7 @@ class Sweep:
       remind sweep a/ b/ c/ --settings mine.csv --workers 8
     """
 
-    # folders, archives or feature files whose masks say which object they show
+    # folders or feature files whose masks say which object they show
     sources: Annotated[Positional[tuple[Path, ...]], arg(metavar="SCENE ...")]
     ranges: Ranges = ()
     random: int | None = None  # draw so many settings instead of trying all combinations
@@ -74,7 +74,7 @@ class Sweep:
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # what a setting does not name
     backbone: BackboneName = "patch-statistics"
     weights: Path | None = None  # converted weights; found or fetched if left out
-    feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
+    feature_cache: Path | None = None  # keep features there and reuse them
     masks: Path | None = None  # of the scene, if there is one only and its layout holds none
     memory_gib: float = 2.0  # that the compiled program may take, on each device
     batch: int | None = None  # settings side by side; chosen by memory if left out
@@ -119,7 +119,7 @@ class Sweep:
     def _plan(self) -> Any:
         """What is to be done with the bench, checked before any work."""
         if not self.sources:
-            raise SweepError("name the scenes to sweep over: folders, archives or feature files")
+            raise SweepError("name the scenes to sweep over: folders or feature files")
         from remind_jax.sweeps import bench as limits
         from remind_jax.sweeps.search import HIGH_IS_GOOD, LOW_IS_GOOD
         from remind_jax.sweeps.settings import MAX_SETTINGS

@@ -25,12 +25,6 @@ MAX_NPZ_BYTES = 1 << 30  # of all members together, as they are in memory
 MAX_NPZ_RATIO = 20  # or so often the bytes of the file, where that is more
 MAX_MEMBERS = 10_000
 
-# Archives
-MAX_TAR_MEMBERS = 2_000_000
-MAX_HEADER_BYTES = 1 << 20
-MAX_UNPACKED_BYTES = 1 << 30
-MAX_UNPACKED_RATIO = 100  # or so often the packed bytes; pictures and masks do not reach it
-
 # Pictures, masks, boxes
 MAX_SIDE_PX = 1 << 16
 MAX_PIXELS = 1 << 28  # of a frame

@@ -1,7 +1,6 @@
 """Evaluation: HOTA, Identity, CLEAR, recovery; `evaluate_tracks` scores a run, `evaluate` files."""
 
 from remind_jax.metrics.columns import Column as Column
-from remind_jax.metrics.combine import average_classes as average_classes
 from remind_jax.metrics.combine import bootstrap_intervals as bootstrap_intervals
 from remind_jax.metrics.combine import stack_counts as stack_counts
 from remind_jax.metrics.comparison import ComparisonTable as ComparisonTable
@@ -18,5 +17,4 @@ from remind_jax.metrics.scene_comparison import table_of as table_of
 from remind_jax.metrics.scene_evaluation import SceneOptions as SceneOptions
 from remind_jax.metrics.scene_evaluation import SetEvaluation as SetEvaluation
 from remind_jax.metrics.scene_evaluation import evaluate as evaluate
-from remind_jax.metrics.scene_evaluation import evaluate_files as evaluate_files
 from remind_jax.metrics.sequence import TrackingSequence as TrackingSequence

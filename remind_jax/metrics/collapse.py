@@ -6,7 +6,6 @@ Rule: evaluation.md#paper-collapse. Letters: `N` detections, `C` candidates.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,8 +14,6 @@ from scipy.optimize import linear_sum_assignment
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.metrics.decisions import FIRM, SOFT, Decisions
 from remind_jax.metrics.sequence import number_ids
-
-Collapse = Literal["hungarian", "greedy"]
 
 # A provisional new track has no object id yet; until then it is called this plus its pending id.
 PROVISIONAL_BASE = 1_000_000_000
@@ -52,22 +49,17 @@ def collapse_frame(decisions: Decisions) -> Int[np.ndarray, "N"]:
     return label
 
 
-def collapse_published(
-    decisions: Decisions, iou: Float[np.ndarray, "N"], method: Collapse = "hungarian"
-) -> Int[np.ndarray, "N"]:
+def collapse_published(decisions: Decisions) -> Int[np.ndarray, "N"]:
     """The id that the original scores each detection of a frame with.
 
-    `iou` is the overlap of each detection with its object, -1 without one. `hungarian` settles
-    ambiguous detections jointly and leaves all others their first option, conflicts included;
-    `greedy` lets the losers of a conflict move on.
+    Ambiguous detections are settled jointly, all others keep their first option, conflicts
+    included.
 
     Returns:
       An id of a known object, `BORN_BASE` plus the id of a created one, `PROVISIONAL_BASE` plus a
       provisional track, or NO_ID.
     """
     options = [_list_options(decisions, row) for row in range(len(decisions.outcome))]
-    if method == "greedy":
-        return _resolve_conflicts(options, iou)
     chosen = np.array([choices[0][0] if choices else NO_ID for choices in options], np.int64)
     soft = np.flatnonzero(decisions.outcome == Outcome.AMBIGUOUS)
     taken = {int(i) for i in np.delete(chosen, soft) if i != NO_ID}
@@ -143,31 +135,3 @@ def _list_options(decisions: Decisions, row: int) -> list[Option]:
         best[number] = max(score, best.get(number, -np.inf))
     ranked = sorted(best.items(), key=lambda option: (-option[1], option[0]))
     return [(number, score - _RANK_COST * rank) for rank, (number, score) in enumerate(ranked)]
-
-
-def _resolve_conflicts(
-    options: Sequence[Sequence[Option]], iou: Float[np.ndarray, "N"]
-) -> Int[np.ndarray, "N"]:
-    """All start at their first option; of those at one id the strongest stays, others move on."""
-    place = [0] * len(options)
-
-    def id_at(row: int) -> int:
-        return options[row][place[row]][0] if place[row] < len(options[row]) else NO_ID
-
-    def strength(row: int) -> tuple[float, float, int]:
-        return options[row][place[row]][1], float(iou[row]), -row
-
-    moved = True
-    while moved:
-        moved = False
-        claims: dict[int, list[int]] = {}
-        for row in range(len(options)):
-            if id_at(row) != NO_ID:
-                claims.setdefault(id_at(row), []).append(row)
-        for disputed, rows in claims.items():
-            winner = max(rows, key=strength)
-            for row in rows:
-                while row != winner and id_at(row) == disputed:
-                    place[row] += 1
-                    moved = True
-    return np.array([id_at(row) for row in range(len(options))], np.int64)

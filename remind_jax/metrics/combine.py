@@ -6,7 +6,7 @@ Counts are dataclasses of arrays; a leading axis runs over the units that are ad
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,12 +16,6 @@ from remind_jax.errors import RemindError
 
 Counts = TypeVar("Counts", bound=Any)
 Scores = Mapping[str, Any]
-
-# TrackEval averages ratios over classes but adds these.
-SUMMED_FIELDS = frozenset(
-    {"HOTA_TP", "HOTA_FN", "HOTA_FP", "IDTP", "IDFN", "IDFP", "Dets", "GT_Dets", "IDs", "GT_IDs"}
-    | {"CLR_TP", "CLR_FN", "CLR_FP", "CLR_Frames", "IDSW", "Frag", "MT", "PT", "ML"}
-)
 
 
 def map_counts(change: Callable[..., Any], *counts: Counts) -> Counts:
@@ -110,18 +104,3 @@ def bootstrap_intervals(
         low, high = np.percentile(values, ends) if len(values) else (np.nan, np.nan)
         intervals[name] = (float(low), float(high))
     return intervals
-
-
-def average_classes(scores: Sequence[Scores]) -> dict[str, Any]:
-    """TrackEval's class average: ratios are averaged over classes, counts are added.
-
-    (Its other way, averaging over detections, is pooling the counts of the classes.)
-    """
-    if not scores:
-        raise RemindError("there is no class to average; give the scores of at least one class")
-    return {
-        name: np.sum([s[name] for s in scores], axis=0)
-        if name in SUMMED_FIELDS
-        else np.mean([s[name] for s in scores], axis=0)
-        for name in scores[0]
-    }

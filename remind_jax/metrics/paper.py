@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.metrics.collapse import PROVISIONAL_BASE, Collapse, collapse_published
+from remind_jax.metrics.collapse import PROVISIONAL_BASE, collapse_published
 from remind_jax.metrics.decisions import NO_ROW, Decisions, take_or
 from remind_jax.metrics.paper_scores import PaperCounts
 from remind_jax.metrics.recovery import (
@@ -60,10 +60,10 @@ class Sightings:
         return take_or(self.firm_id, self.detection, NO_ID)
 
 
-def count_remind(sightings: Sightings, collapse: Collapse = "hungarian") -> PaperCounts:
+def count_remind(sightings: Sightings) -> PaperCounts:
     """Counts a run of REMIND as the original does (evaluation.md#paper-protocol)."""
     gt_id, detection = sightings.gt_id, sightings.detection
-    collapsed = collapse_scene(sightings, collapse)
+    collapsed = collapse_scene(sightings)
     label = take_or(collapsed, detection, NO_ID)
     answers = _answers(sightings, label, _label_class(sightings, collapsed))
     answer = _unshared_answers(sightings, collapsed)
@@ -110,14 +110,12 @@ def count_generic(sightings: Sightings) -> PaperCounts:
     )
 
 
-def collapse_scene(sightings: Sightings, method: Collapse = "hungarian") -> Int[np.ndarray, "N"]:
+def collapse_scene(sightings: Sightings) -> Int[np.ndarray, "N"]:
     """The id that every detection is scored with, see `collapse_published`."""
     frame = sightings.frame
     collapsed = np.full(len(frame), NO_ID, np.int64)
-    strength = np.where(sightings.row == NO_ROW, -1.0, sightings.iou)
     for rows in np.split(np.arange(len(frame)), np.flatnonzero(np.diff(frame)) + 1):
-        decisions = sightings.decisions.take(rows)
-        collapsed[rows] = collapse_published(decisions, strength[rows], method)
+        collapsed[rows] = collapse_published(sightings.decisions.take(rows))
     return collapsed
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
-from remind_jax.metrics.collapse import Collapse
 from remind_jax.metrics.columns import column_of, format_cell
 from remind_jax.metrics.combine import bootstrap_intervals, pool_counts, stack_counts
 from remind_jax.metrics.comparison import ComparisonTable, Row
@@ -86,20 +85,19 @@ def evaluate_paper(
     truth: str | Path | SceneSet,
     prediction: str | Path,
     *,
-    collapse: Collapse = "hungarian",
     format: Format | None = None,
     truth_format: Format | None = None,
     name: str | None = None,
 ) -> tuple[PaperEvaluation, ...]:
     """Scores one set of predictions; a run of remind by both paths, REMIND's first.
 
-    `collapse` is how undecided detections of a run get one id; the rest is as in `evaluate`.
+    Arguments are those of `evaluate`.
 
     Raises:
       SourceError: If nothing can be read, or every scene failed.
     """
     stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
-    scored = stream.score(lambda s, p: _count_scene(stream, s, p, collapse))
+    scored = stream.score(lambda s, p: _count_scene(stream, s, p))
     rest = scored.failed, tuple(scored.notes)
     generic = {scene: counts[-1] for scene, counts in scored.results.items()}
     if stream.predictions.format != "run":
@@ -170,7 +168,7 @@ def _without_ignored(rows: TrackRows) -> TrackRows:
 
 
 def _count_scene(
-    stream: SceneStream, scene: str, predicted: str, collapse: Collapse
+    stream: SceneStream, scene: str, predicted: str
 ) -> tuple[tuple[PaperCounts, ...], list[str]]:
     truth, predictions = stream.truth.read[scene](), stream.predictions
     if predictions.format != "run":
@@ -178,4 +176,4 @@ def _count_scene(
         return (count_generic(sightings),), notes
     tracks = read_tracks(predictions.files[predicted])
     sightings, notes = _sight(truth, number_detections(tracks, truth.name), tracks)
-    return (count_remind(sightings, collapse), count_generic(sightings)), notes
+    return (count_remind(sightings), count_generic(sightings)), notes

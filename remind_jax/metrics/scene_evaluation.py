@@ -213,19 +213,3 @@ def _doubt_truth(evaluation: Evaluation) -> list[str]:
         f"only {matched} of {count} {fewer} have a counterpart that overlaps by half or more: see "
         "that truth and predictions are of the same scene, frames and image size"
     ]
-
-
-def evaluate_files(
-    gt_path: str | Path,
-    pred_path: str | Path,
-    *,
-    format: Format | None = None,
-    num_frames: int | None = None,
-    class_id: int | None = None,
-) -> Evaluation:
-    """Scores one file or folder of predictions; `evaluate` says more about several scenes.
-
-    Arguments and errors are those of `evaluate`; `format` is that of both sides.
-    """
-    options = SceneOptions(num_frames=num_frames, class_id=class_id)
-    return evaluate(gt_path, pred_path, format=format, options=options).pooled

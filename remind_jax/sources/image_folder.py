@@ -1,4 +1,4 @@
-"""Pictures in natural order of their names, from a folder or a tar."""
+"""Pictures in natural order of their names, from a folder."""
 
 from __future__ import annotations
 
@@ -69,8 +69,6 @@ class ImageReader:
             suffix = PurePosixPath(self._others[0]).suffix
             reason = f"pictures of the kind {suffix} are not read; convert them to PNG or JPEG"
             report(SkippedFrame(self._others[0], reason, count=len(self._others)))
-        if self._tree.is_cut_off:
-            report(SkippedFrame("rest", "the archive is cut off or damaged", count=0))
 
 
 def list_images(tree: FileTree, folder: str) -> list[str]:

@@ -12,7 +12,7 @@ from remind_jax.errors import OptionError, SourceError
 from remind_jax.sources import davis, scannetpp
 from remind_jax.sources.class_names import Metadata, find_metadata, read_metadata
 from remind_jax.sources.features import FEATURE_SUFFIXES, FeatureReader, find_classes, load_arrays
-from remind_jax.sources.file_tree import FileTree, FolderTree, is_tar_name, join, open_tree
+from remind_jax.sources.file_tree import FileTree, join, open_tree
 from remind_jax.sources.image_folder import IMAGE_SUFFIXES, ImageReader, list_images
 from remind_jax.sources.label_maps import LabelMaps, Unlabelled
 from remind_jax.sources.source import MaskProvider, Reader
@@ -27,8 +27,6 @@ class Choice:
 
     name: str | None = None  # name of the sequence
     sequence: str | None = None  # of a DAVIS folder
-    images: str | None = None  # of a ScanNet++ scene
-    mask_variant: str | None = None  # of a ScanNet++ scene
     metadata: Path | None = None
     unlabelled: Unlabelled = "error"  # what an instance without class is
     image_fps: float = 30.0
@@ -39,14 +37,14 @@ Located = tuple[Reader, Callable[[], MaskProvider] | None]
 
 
 def locate(path: Path, choice: Choice) -> Located:
-    """Recognizes a file, folder or archive with frames.
+    """Recognizes a file or folder with frames.
 
     Raises:
       SourceError: If it holds none, or several and none was chosen.
     """
     suffix = path.suffix.lower()
     name = choice.name or path.stem
-    if _is_tree(path):
+    if path.is_dir():
         return _locate_in_tree(path, choice)
     if suffix in FEATURE_SUFFIXES:
         arrays = load_arrays(path)
@@ -55,7 +53,7 @@ def locate(path: Path, choice: Choice) -> Located:
             arrays, name, choice.image_fps, str(path), classes, choice.unlabelled
         ), None
     if suffix in IMAGE_SUFFIXES:
-        folder = FolderTree(path.parent)
+        folder = FileTree(path.parent)
         return ImageReader(folder, "", name, choice.image_fps, [path.name]), None
     if suffix in (".json", ".jsonl"):
         raise SourceError(f"'{path}' may hold masks, but no frames; give it as masks")
@@ -63,17 +61,16 @@ def locate(path: Path, choice: Choice) -> Located:
 
 
 def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
-    """Opens the instance maps of a folder or archive that was named for them.
+    """Opens the instance maps of a folder that was named for them.
 
     Raises:
       SourceError: If there are none.
     """
     tree = open_tree(path)
-    if any(n.lower().endswith(".png") for n in tree.files_in("")):
-        beside = METADATA_BESIDE_MASKS if path.is_dir() else METADATA_BESIDE_MASKS[:1]
-        metadata = _metadata(tree, beside, reader.name, choice)
+    if _holds_maps(tree):
+        metadata = _metadata(tree, METADATA_BESIDE_MASKS, reader.name, choice)
         return _maps(tree, "", reader, metadata, choice)()
-    place = scannetpp.find_masks(tree, choice.mask_variant)
+    place = scannetpp.find_masks(tree)
     if place is not None:
         metadata = _metadata(tree, place.metadata_files, reader.name, choice)
         return _maps(tree, place.folder, reader, metadata, choice, place.by_position)()
@@ -89,58 +86,45 @@ def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
 
 
 def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
-    """Refuses a choice where a source and its masks leave none.
+    """Refuses the name of a sequence where a source and its masks leave no choice of one.
 
     Raises:
-      OptionError: If something was chosen that would change nothing.
+      OptionError: If it would change nothing.
     """
-    chosen = {"sequence": choice.sequence, "mask_variant": choice.mask_variant}
-    if not (choice.images or any(chosen.values())):
+    if choice.sequence is None:
         return
-    frames = open_tree(path) if path is not None and _is_tree(path) else None
+    mask_folder = Path(masks) if isinstance(masks, str | Path) else None
+    if mask_folder is not None and mask_folder.is_dir() and not _holds_maps(FileTree(mask_folder)):
+        return
+    is_davis = path is not None and path.is_dir() and davis.is_davis(FileTree(path))
+    if is_davis or (path is not None and davis.split_davis_path(path) is not None):
+        return
     source = "the source" if path is None else f"'{path}'"
-    if choice.images is not None and frames is None:
-        raise OptionError(
-            f"'images' chooses in a ScanNet++ scene, and {source} is none; leave it out", "images"
-        )
-    if isinstance(masks, str | Path) and _is_tree(Path(masks)):
-        tree = open_tree(Path(masks))
-        if not any(name.lower().endswith(".png") for name in tree.files_in("")):
-            return
-    is_davis = is_scene = False
-    if frames is not None and path is not None:
-        is_davis = davis.is_davis(frames) or davis.split_davis_path(path) is not None
-        is_scene = masks is None and scannetpp.is_scene(frames)
-    for option, is_used, what in (
-        ("sequence", is_davis, "DAVIS folder"),
-        ("mask_variant", is_scene, "ScanNet++ scene"),
-    ):
-        if chosen[option] is not None and not is_used:
-            raise OptionError(
-                f"'{option}' is {chosen[option]!r}, and {source} is no {what} that leaves a "
-                "choice; leave it out",
-                option,
-            )
+    raise OptionError(
+        f"'sequence' is {choice.sequence!r}, and {source} is no DAVIS folder that leaves a "
+        "choice; leave it out",
+        "sequence",
+    )
 
 
-def _is_tree(path: Path) -> bool:
-    return path.is_dir() or is_tar_name(path.name)
+def _holds_maps(tree: FileTree) -> bool:
+    return any(name.lower().endswith(".png") for name in tree.files_in(""))
 
 
 def _locate_in_tree(path: Path, choice: Choice) -> Located:
-    inside = davis.split_davis_path(path) if path.is_dir() else None
+    inside = davis.split_davis_path(path)
     if inside is not None:
         root, sequence = inside
         chosen = dataclasses.replace(choice, sequence=sequence or choice.sequence)
-        return _locate_davis(FolderTree(root), chosen)
-    tree = open_tree(path)
+        return _locate_davis(FileTree(root), chosen)
+    tree, name = FileTree(path), choice.name or path.name
     if davis.is_davis(tree):
         return _locate_davis(tree, choice)
-    name = choice.name or scannetpp.scene_name(path)
-    if list_images(tree, "") and choice.images is None:
+    if list_images(tree, ""):
         return ImageReader(tree, "", name, choice.image_fps), None
-    if scannetpp.is_scene(tree) or choice.images is not None:
-        return _locate_scene(path, tree, name, choice)
+    images = scannetpp.find_images(tree)
+    if images is not None:
+        return _locate_scene(path, tree, images, name, choice)
     folders = [f for f in tree.folders_in("") if list_images(tree, f)]
     if len(folders) == 1:
         return ImageReader(tree, folders[0], name, choice.image_fps), None
@@ -164,18 +148,16 @@ def _locate_davis(tree: FileTree, choice: Choice) -> Located:
     by_position = metadata.frame_names is not None and all(
         name.startswith("frame_") for name in tree.files_in(masks)
     )
-    return reader, _maps(tree.second_handle(), masks, reader, metadata, choice, by_position)
+    return reader, _maps(tree, masks, reader, metadata, choice, by_position)
 
 
-def _locate_scene(path: Path, tree: FileTree, name: str, choice: Choice) -> Located:
-    mask_tree = tree.second_handle()
-    place = scannetpp.find_masks(mask_tree, choice.mask_variant)
+def _locate_scene(path: Path, tree: FileTree, images: str, name: str, choice: Choice) -> Located:
+    mask_tree, place = tree, scannetpp.find_masks(tree)
     beside = scannetpp.find_annotations_beside(path)
     if place is None and beside is not None:
-        mask_tree = open_tree(beside)
-        place = scannetpp.find_masks(mask_tree, choice.mask_variant)
+        mask_tree = FileTree(beside)
+        place = scannetpp.find_masks(mask_tree)
     metadata = _metadata(mask_tree, place.metadata_files if place else (), name, choice)
-    images = scannetpp.find_images(tree, choice.images)
     if tree.has_file(images):
         reader: Reader = VideoReader(lambda: tree.open(images), name, tree.locate(images))
     else:

@@ -32,7 +32,10 @@ DEFAULT_IMAGE_FPS = 30.0
 NO_MASKS = "none"
 
 MAX_NAME = 1000  # characters
-PACKED = (".zip", ".rar", ".7z")
+PACKED = (
+    *(".zip", ".rar", ".7z", ".tar", ".tgz", ".tbz2", ".txz"),
+    *(".tar.gz", ".tar.bz2", ".tar.xz"),
+)
 _Value = Text | bool | int | float | None
 
 
@@ -63,8 +66,6 @@ def open_source(
     sampling: Sampling | Mapping[str, Any] | None = None,
     metadata: str | Path | None = None,
     sequence: str | None = None,
-    images: str | None = None,
-    mask_variant: str | None = None,
     unlabelled: Unlabelled = "error",
     image_fps: float = DEFAULT_IMAGE_FPS,
     allow_size_change: bool = False,
@@ -78,17 +79,15 @@ def open_source(
     Args:
       spec: A camera (0, "/dev/video0"); the address of a stream (`"rtsp://..."`, `"http://..."`);
         a video; a folder of images; a DAVIS folder (its root, or a sequence in `JPEGImages`);
-        a ScanNet++ scene; a tar of one of these folders; a feature file `.npz` or `.npy`; an array
+        a ScanNet++ scene; a feature file `.npz` or `.npy`; an array
         `[T, H, W, 3]`; an iterable of images, image paths, pairs (image, detections) or `Frame`s;
         a `Source`, which is returned as it is unless other options are given.
-      masks: Detections kept apart: a folder or tar of instance maps, a COCO-RLE file (`.json`,
+      masks: Detections kept apart: a folder of instance maps, a COCO-RLE file (`.json`,
         `.jsonl`), instance maps `[T, H, W]` (array, `.npy`, `.npz` with `masks`), or detections
         per source frame. Left out, those that belong to the layout; `"none"` ignores these.
       sampling: Which frames are processed.
       metadata: JSON with the class of each instance id, or with the names of COCO categories.
       sequence: Which one, where a DAVIS folder holds several.
-      images: Which images of a ScanNet++ scene, for instance `"iphone/rgb"`.
-      mask_variant: Which masks of a ScanNet++ scene, for instance `"raw"`.
       unlabelled: Whether annotated instances without class are an `"error"`, or `"skip"` leaves
         them out as the original tracker does.
       image_fps: Images per second where there are no time stamps.
@@ -104,12 +103,7 @@ def open_source(
     """
     chosen = _check_sampling(sampling)
     check_option("image_fps", image_fps, MIN_RATE, MAX_RATE, whole=False)
-    for option, value in (
-        ("sequence", sequence),
-        ("images", images),
-        ("mask_variant", mask_variant),
-        ("name", name),
-    ):
+    for option, value in (("sequence", sequence), ("name", name)):
         is_name = isinstance(value, str) and 0 < len(value) <= MAX_NAME and is_text(value)
         if value is not None and not is_name:
             shown = repr(value)[:40]
@@ -123,7 +117,7 @@ def open_source(
         live.refuse_for_recordings(spec.name)
         return spec
     json_file = None if metadata is None else _existing(metadata)
-    choice = Choice(name, sequence, images, mask_variant, json_file, unlabelled, image_fps)
+    choice = Choice(name, sequence, json_file, unlabelled, image_fps)
     opened = open_live(spec, masks, name, chosen, live, allow_size_change=allow_size_change)
     if opened is not None:
         return opened
@@ -235,8 +229,8 @@ def _existing(path: str | Path) -> Path:
         resolved = given.expanduser().absolute()
     except RuntimeError as error:  # of a user that there is not
         raise SourceError(f"'{path}' is no path that can be read: {error}") from error
-    if resolved.suffix.lower() in PACKED:
-        raise SourceError(f"'{path}' is a packed folder; unpack it, or pack it as .tar")
+    if resolved.name.lower().endswith(PACKED):
+        raise SourceError(f"'{path}' is a packed folder; unpack it")
     if resolved.exists():
         return resolved
     if resolved.is_symlink():

@@ -81,18 +81,7 @@ def test_an_unknown_name(command):
     assert "did you mean 'dinov3-vits16' or 'dinov2-vits14'" in outcome.stderr
 
 
-def test_from_a_name_to_features_in_one_command(command, scene, published):
-    words = ("features", scene[0], "--backbone", NAME, "--cache", "kept")
-    outcome = command(*words, "--json")
-    assert outcome.code == process.FINE
-    assert json.loads(outcome.stdout)["computed"] == 4
-    assert outcome.stderr.count("\n") == 1
-    assert "fetching the weights of 'dinov2-test'" in outcome.stderr
-    again = command(*words, "--json")
-    assert (json.loads(again.stdout)["found"], again.stderr) == (4, "")
-
-
-@pytest.mark.parametrize("verb", ["run", "features", "sweep"])
+@pytest.mark.parametrize("verb", ["run", "sweep"])
 def test_a_hub_without_it_ends_a_command_in_one_sentence(command, scene, published, verb):
     published.hub.behavior.missing = "RepoNotFound"
     more = ("--set", "decision.new=1.5,1.6") if verb == "sweep" else ()

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import json
 
-import cv2
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-import weights_convert.reference_values as reference_values
 from remind_jax.backbone import vit_weights
-from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.cli import process
 from tests.golden.vit import load as golden
 from tests.weights_convert.pth_files import call_of, write_pth
-from weights_convert.reference_values import Published, check_values
 
 TINY = ("--heads", 2, "--custom")
 
@@ -64,7 +60,6 @@ def test_wrong_files_are_answered_in_one_sentence(command, source, tmp_path):
         ((source, "--heads", 3, "--custom"), "64 features cannot be split among 3 attention heads"),
         ((tmp_path / "missing.pth",), "does not exist"),
         ((), "name the weight file to convert"),
-        ((source, "--verify", "missing.jpg"), "image 'missing.jpg' does not exist"),
     ):
         outcome = command("convert", *words, "-o", "out.safetensors")
         assert outcome.code == process.ERROR
@@ -73,37 +68,6 @@ def test_wrong_files_are_answered_in_one_sentence(command, source, tmp_path):
         assert told in outcome.stderr
     assert not (tmp_path / "out.safetensors").exists()
     assert not (tmp_path / "ran").exists()
-
-
-@pytest.fixture
-def picture(tmp_path):
-    image = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
-    cv2.imwrite(str(tmp_path / "cats.png"), image)
-    return tmp_path / "cats.png"
-
-
-def test_verification_compares_with_published_values(command, source, picture, monkeypatch):
-    words = ("convert", source, "-o", "out.safetensors", *TINY, "--verify", picture, "--overwrite")
-    outcome = command(*words)
-    assert outcome.code == process.FINE
-    assert "no values are known for this network" in outcome.stdout
-    found = check_values("out.safetensors", picture)
-
-    right = Published("made up", found.cls, found.patch)
-    wrong = Published("other", tuple(2 + v for v in found.cls), found.patch)
-    monkeypatch.setitem(reference_values.PUBLISHED, "custom", (wrong, right))
-    outcome = command(*words)
-    assert outcome.code == process.FINE
-    assert "agrees with the values published" in outcome.stdout
-
-    monkeypatch.setitem(reference_values.PUBLISHED, "custom", (wrong,))
-    outcome = command(*words)
-    assert outcome.code == process.ERROR
-    assert "DIFFERS from the values published" in outcome.stdout
-
-
-def test_published_values_belong_to_known_networks():
-    assert set(reference_values.PUBLISHED) <= set(VARIANTS)
 
 
 def test_safetensors_of_something_else(command, tmp_path):

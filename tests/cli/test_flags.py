@@ -39,7 +39,7 @@ def test_help_speaks_no_python_and_fits_80_columns(help_of, words):
         assert inner not in shown
 
 
-@pytest.mark.parametrize("verb", ["run", "benchmark", "sweep", "features"])
+@pytest.mark.parametrize("verb", ["run", "benchmark", "sweep"])
 def test_help_lists_every_backbone(help_of, verb):
     told = help_of(verb).partition("--backbone")[2].partition("(default")[0]
     named = set(re.findall(r"[\w-]+", told))

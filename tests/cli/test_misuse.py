@@ -32,8 +32,8 @@ SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
     [
         (("run", "scene/images", "--masks", "scene/images"), 1, "it is a color picture"),
         (("run", "scene/images", "--masks", "empty"), 1, "holds no instance maps"),
-        (("run", "scene/images", "--masks", "notes.txt"), 1, "neither a folder nor a tar archive;"),
-        (("run", "scene.zip"), 1, "is a packed folder; unpack it, or pack it as .tar"),
+        (("run", "scene/images", "--masks", "notes.txt"), 1, "is no folder; masks are"),
+        (("run", "scene.zip"), 1, "is a packed folder; unpack it"),
         (("run", "ftp://example.com/a.mp4"), 1, "is of scheme 'ftp', which is not read; give an"),
         ((*SCENE, "--config", "notes.txt"), 1, "'notes.txt' is no configuration; give a .yaml or"),
         (("run", "64"), 1, "camera 64 cannot be; cameras are numbered from 0 to 63"),
@@ -84,7 +84,7 @@ SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
         ),
         (("eval", "nowhere", "--visits"), 1, "'nowhere' does not exist; give a folder"),
         (
-            ("features", "scene/images", "--backbone", "vit"),
+            ("run", "scene/images", "--backbone", "vit"),
             1,
             "'vit': missing a required argument: 'weights'; give a file",
         ),

@@ -37,7 +37,6 @@ VERBS = {
     "sweep settings": "sweep scene --settings {}.json",
     "convert": "convert {}",
     "convert out": "convert gt.txt --out {}.safetensors",
-    "features": "features scene/images --backbone patch-statistics --cache {}",
     "config show": "config show {}.yaml",
     "config validate": "config validate {}",
     "config import": "config import-reference {}",

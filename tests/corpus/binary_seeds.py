@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -48,18 +47,6 @@ def video(name: str, codec: str, pixels: str) -> Callable[[Path], Path]:
                 container.mux(stream.encode(frame))  # pyright: ignore[reportAttributeAccessIssue]
             container.mux(stream.encode())  # pyright: ignore[reportAttributeAccessIssue]
         return path
-
-    return write
-
-
-def tar(name: str, mode: str) -> Callable[[Path], Path]:
-    """An archive of pictures."""
-
-    def write(folder: Path) -> Path:
-        images, _ = scenes.write_scene(folder / "scene", NUM_FRAMES)
-        with tarfile.open(folder / name, mode) as archive:  # pyright: ignore[reportCallIssue, reportArgumentType]
-            archive.add(images, "images")
-        return folder / name
 
     return write
 

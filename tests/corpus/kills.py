@@ -1,6 +1,6 @@
 """Kills commands at random moments and has them go on, until they end as if nothing had happened.
 
-python -m tests.corpus.kills --kills 100 [--seed 7] [--kinds run,features,sweep]
+python -m tests.corpus.kills --kills 100 [--seed 7] [--kinds run,sweep]
 
 What a kill hits follows from chance and from how fast the machine is; the seed only draws the plan.
 """
@@ -83,15 +83,6 @@ def _run_json(folder: Path) -> dict:
     return content
 
 
-def compare_features(one: Path, other: Path) -> list[str]:
-    """What differs between two folders of features."""
-    files = [
-        {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.*")}
-        for folder in (one, other)
-    ]
-    return [] if files[0] == files[1] else ["files"]
-
-
 def compare_sweeps(one: Path, other: Path) -> list[str]:
     """What differs between two folders of a sweep."""
     differing = _differing(("rows.csv", "summary.md"), one, other)
@@ -147,12 +138,6 @@ KINDS: dict[str, Kind] = {
     "run, answers delayed": _run_kind("--delay", "6"),
     "run, traced": _run_kind("--trace", "--no-overlay"),
     "run of the bank": _run_kind("--tracker", "bank"),
-    "features": Kind(
-        ("features", "SCENE", "--backbone", "patch-statistics"),
-        "--cache",
-        "*/*.npy",
-        compare_features,
-    ),
     "sweep": Kind(
         (
             "sweep",
@@ -297,7 +282,7 @@ def _wait(
 
 
 def _count(out: Path, kind: Kind) -> int:
-    """Frames, features or settings that are there."""
+    """Frames or settings that are there."""
     if "*" in kind.progress:
         return sum(1 for _ in out.glob(kind.progress))
     try:

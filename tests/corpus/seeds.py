@@ -305,10 +305,6 @@ FORMATS: dict[str, Format] = {
             ("v.apng", "apng", "rgb24"),
         )
     },
-    **{
-        f"{name} of images": Format("header", binary_seeds.tar(name, mode), _look_at)
-        for name, mode in (("images.tar", "w"), ("images.tar.gz", "w:gz"))
-    },
 }
 
 

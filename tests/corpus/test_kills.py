@@ -24,7 +24,7 @@ def course(tmp_path_factory) -> Course:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["run", "features", "sweep", "benchmark"])
+@pytest.mark.parametrize("kind", ["run", "sweep", "benchmark"])
 def test_killed_commands_go_on(course, kind):
     case = course.try_kind(kind, NUM_KILLS, random.Random(1))
     assert case.failures == []
@@ -38,7 +38,7 @@ def test_a_killed_run_goes_on(course):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["run", "features", "sweep", "benchmark"])
+@pytest.mark.parametrize("kind", ["run", "sweep", "benchmark"])
 def test_commands_that_are_asked_to_end_go_on(course, kind):
     case = course.try_kind(kind, NUM_KILLS, random.Random(3), signal.SIGTERM)
     assert case.failures == []

@@ -67,14 +67,6 @@ VERBS: dict[str, Format] = {
             *("--config", path, "--out", path.parent / "out", "--no-overlay", "--quiet"),
         ),
     ),
-    "features computed": Format(
-        "header",
-        binary_seeds.pictures(".png"),
-        lambda path: remind(
-            *("features", path.parent, "--backbone", "patch-statistics", "--quiet"),
-            *("--cache", path.parents[1] / "cache"),
-        ),
-    ),
     "view": Format(
         "jsonl", seeds.run_file("detections.jsonl"), lambda path: remind("view", path.parent)
     ),

@@ -29,7 +29,6 @@ OUR_OWN = {
     "remind_jax/outputs/overlay.py": "whether its own video can be played",
     "remind_jax/session/growing_memory.py": "the memory of the system, in /proc",
     "remind_jax/cli/memory.py": "the page that it fills in",
-    "weights_convert/reference_values.py": "a picture that a developer names",
 }
 
 

@@ -5,7 +5,6 @@ import pytest
 
 from remind_jax.errors import RemindError
 from remind_jax.metrics.combine import (
-    average_classes,
     bootstrap_intervals,
     pool_counts,
     resample_counts,
@@ -57,23 +56,8 @@ def test_objects_can_be_resampled():
     assert 0 <= low < 0.6 < high <= 1
 
 
-def test_classes_are_averaged_as_trackeval_does():
-    perfect, half = sequence_from_answers("aaaa"), sequence_from_answers("aa??")
-    scores = [evaluate_sequence(sequence).fields() for sequence in (perfect, half)]
-    mean = average_classes(scores)
-    assert mean["IDR"] == 0.75
-    assert mean["IDTP"] == 6
-    assert mean["CLR_TP"] == 6
-    pooled = identity_scores(pool_counts([count_identity(perfect), count_identity(half)]))
-    assert pooled["IDR"] == 0.75
-    assert mean["IDF1"] == pytest.approx((1 + 2 / 3) / 2)
-    assert pooled["IDF1"] == pytest.approx(12 / 14)
-
-
 def test_nothing_cannot_be_combined():
     with pytest.raises(RemindError, match="nothing to combine"):
         pool_counts([])
-    with pytest.raises(RemindError, match="no class"):
-        average_classes([])
     with pytest.raises(RemindError, match="level is 95"):
         bootstrap_intervals(count_identity(SEQUENCES[0]), identity_scores, level=95)

@@ -8,7 +8,7 @@ import pytest
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import RemindError, SourceError
-from remind_jax.metrics import evaluate_files, evaluate_tracks, pool_evaluations
+from remind_jax.metrics import evaluate, evaluate_tracks, pool_evaluations
 from remind_jax.tracks import Tracks
 from tests.metrics.golden import ROOT, read_json
 
@@ -140,7 +140,7 @@ def test_bad_runs_are_refused():
 @pytest.mark.parametrize("is_named", [True, False])
 def test_files(kind: str, format: Any, is_named: bool):
     folder = ROOT / kind / "one_switch"
-    evaluation = evaluate_files(
+    evaluation = evaluate(
         folder / "gt.txt", folder / "pred.txt", format=format if is_named else None
     )
     expected = read_json(folder / "expected.json")
@@ -155,4 +155,4 @@ def test_unknown_formats_are_refused():
         RemindError,
         match="format is 'coco'; did you mean 'coco-vid'",
     ):
-        evaluate_files("gt", "pred", format=unknown)
+        evaluate("gt", "pred", format=unknown)

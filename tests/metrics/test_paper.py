@@ -96,39 +96,23 @@ def test_hungarian_counts_as_the_original_does(name: str):
     assert_equal(count_remind(sightings_of(case)), case["expected"]["remind_hungarian"])
 
 
-@pytest.mark.parametrize("name", [n for n, c in CASES.items() if "remind_greedy" in c["expected"]])
-def test_greedy_counts_as_the_original_does(name: str):
-    case = CASES[name]
-    assert_equal(count_remind(sightings_of(case), "greedy"), case["expected"]["remind_greedy"])
-
-
 @pytest.mark.parametrize("name", list(CASES))
 def test_other_trackers_count_as_in_the_original(name: str):
     case = CASES[name]
     assert_equal(count_generic(sightings_of(case)), case["expected"]["generic"])
 
 
-@pytest.mark.parametrize(
-    ("name", "method"),
-    [
-        (name, method)
-        for name, case in CASES.items()
-        for method in ("hungarian", "greedy")
-        if f"remind_{method}" in case["expected"]
-        and (name not in SOLVER_DEPENDENT or method == "greedy")
-    ],
-)
-def test_collapsed_ids_equal_those_of_the_original(name: str, method: Any):
+@pytest.mark.parametrize("name", [name for name in CASES if name not in SOLVER_DEPENDENT])
+def test_collapsed_ids_equal_those_of_the_original(name: str):
     case = CASES[name]
-    key = f"remind_{method}"
     sightings = sightings_of(case)
-    collapsed = collapse_scene(sightings, method)
+    collapsed = collapse_scene(sightings)
     of = {
         (int(sightings.gt_frame[row]), int(sightings.gt_id[row])): int(number)
         for row, number in zip(sightings.row, collapsed, strict=True)
         if row != NO_ROW
     }
-    for frame, gt, _, number, _ in case["expected"][key]["collapsed"]:
+    for frame, gt, _, number, _ in case["expected"]["remind_hungarian"]["collapsed"]:
         assert of.get((frame, gt), NO_ID) == (NO_ID if number is None else number)
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
 import struct
-import tarfile
 import zlib
 from pathlib import Path
 
@@ -102,14 +100,6 @@ def write_video(
             frame = av.VideoFrame.from_ndarray(picture(index), format="rgb24")
             container.mux(stream.encode(frame))  # pyright: ignore
         container.mux(stream.encode())  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def write_tar(path: Path, files: dict[str, bytes], mode: str = "w") -> None:
-    with tarfile.open(path, mode) as archive:  # pyright: ignore[reportCallIssue, reportArgumentType]
-        for name, data in files.items():
-            member = tarfile.TarInfo(name)
-            member.size = len(data)
-            archive.addfile(member, io.BytesIO(data))
 
 
 def detections_in(frame: Frame) -> Detections:

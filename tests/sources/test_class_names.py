@@ -9,7 +9,7 @@ from remind_jax.sources.class_names import (
     parse_metadata,
     strip_number,
 )
-from remind_jax.sources.file_tree import FolderTree
+from remind_jax.sources.file_tree import FileTree
 from remind_jax.sources.source import UnreadableFrame
 
 
@@ -97,7 +97,7 @@ def test_damaged_metadata_is_one_sentence():
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    class Locked(FolderTree):
+    class Locked(FileTree):
         def read(self, path):
             raise UnreadableFrame("cannot be read: Permission denied")
 

@@ -26,16 +26,14 @@ def same_frames(one, other):
             assert a.detections.labels == b.detections.labels
 
 
-@pytest.mark.parametrize("kind", ["video", "images", "davis", "tar"])
+@pytest.mark.parametrize("kind", ["video", "images", "davis"])
 def test_description_reopens_the_same_frames(tmp_path, kind, monkeypatch):
     if kind == "video":
         making.write_video(tmp_path / "it.mp4", 6)
     elif kind == "images":
         making.write_images(tmp_path / "it", [f"{i}.png" for i in range(6)])
-    elif kind == "davis":
-        making.write_davis(tmp_path / "it", num=6, metadata=making.LABELS)
     else:
-        making.write_tar(tmp_path / "it.tar", {f"x/{i}.jpg": making.jpg(i) for i in range(6)})
+        making.write_davis(tmp_path / "it", num=6, metadata=making.LABELS)
     (name,) = [path.name for path in tmp_path.iterdir()]
     monkeypatch.chdir(tmp_path)
     source = open_source(name, sampling=Sampling(stride=2, start=1), image_fps=12)
@@ -82,8 +80,6 @@ def test_sources_can_be_read_ahead(tmp_path):
         ({"image_fps": 0}, "'image_fps' is 0"),
         ({"unlabelled": "ignore"}, "'unlabelled' is 'ignore'"),
         ({"sequence": "bear"}, "'sequence' is 'bear', and the source is no DAVIS folder"),
-        ({"mask_variant": "raw"}, "'mask_variant' is 'raw', and the source is no ScanNet"),
-        ({"images": "rgb"}, "'images' chooses in a ScanNet.* scene, and the source is none"),
         ({"name": "\udcff"}, "'name' is .*; give text of 1 to 1000 characters"),
     ],
 )
