@@ -62,8 +62,6 @@ class Benchmark:
     # name of the metadata file in each scene's folder, where it has several
     metadata: Annotated[str | None, arg(metavar="NAME")] = None
     out: Path = DEFAULT_FOLDER  # output folder, of this or an earlier benchmark
-    # the paper's numbers beside ours; auto: for ScanNet++
-    paper: Literal["auto", "custom", "scannetpp", "none"] = "auto"
     retry_failed: bool = False  # run again what failed before
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print scores as JSON on stdout
@@ -147,16 +145,12 @@ class Benchmark:
         )
 
         titles = {contender.name: contender.title for contender in contenders}
-        is_scannetpp = scenes[0].layout == "scannetpp"
-        paper = {"auto": "scannetpp" if is_scannetpp else None, "none": None}.get(
-            self.paper, self.paper
-        )
         frames = sum(run.record.num_frames for run in runs if run.record.contender in titles)
         num_frames = frames // max(1, len(contenders))
         what = f"{len(scenes)} scenes, {num_frames} frames, {regime}, {self.backbone}"
         tables = {
-            regime: main_table(runs, titles, regime, title=what, paper=paper),
-            f"{regime}_resources": resource_table(runs, titles, paper=paper),
+            regime: main_table(runs, titles, what),
+            f"{regime}_resources": resource_table(runs, titles),
             f"{regime}_scenes": scene_table(runs, titles, title="IDF1 by scene"),
         }
         by_axis = axis_table(runs, titles, title="IDF1 by difficulty")
