@@ -21,7 +21,7 @@ import optax
 from jaxtyping import Array, Bool, Float
 
 from remind_jax.errors import SweepError
-from remind_jax.explanation.remind.record import FrameRecord
+from remind_jax.explanation.remind.explainer import FrameRecord
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.method import PAPER_METHOD
 from remind_jax.outputs.result import Result

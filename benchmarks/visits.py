@@ -25,8 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import remind_jax as rj
 from remind_jax.frame import Frame
 from remind_jax.metrics.combine import pool_counts
-from remind_jax.metrics.visit_evaluation import evaluate_run_visits
-from remind_jax.metrics.visits import VisitCounts, visit_scores
+from remind_jax.metrics.visit_evaluation import VisitCounts, evaluate_run_visits, visit_scores
 from remind_jax.printing.terminal import print_table
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, render_sequence
 from remind_jax.synthetic.rendering import RenderedSequence

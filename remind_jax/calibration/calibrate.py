@@ -12,10 +12,9 @@ import numpy as np
 from remind_jax import __version__
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
-from remind_jax.calibration.comparisons import Comparisons, compare_ends
+from remind_jax.calibration.comparisons import Comparisons, Views, compare_ends, compare_views
 from remind_jax.calibration.estimate import PART_MERGE, Evidence, estimate, estimate_part_merge
 from remind_jax.calibration.reading import SceneViews, read_scene
-from remind_jax.calibration.views import Views, compare_views
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields, nest
 from remind_jax.config.profiles import MadeFor, place_profile, write_profile

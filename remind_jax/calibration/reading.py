@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.backbone.registry import Backbone
-from remind_jax.calibration.comparisons import NONE, Sightings
-from remind_jax.calibration.views import Views
+from remind_jax.calibration.comparisons import NONE, Sightings, Views
 from remind_jax.config import Config
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError

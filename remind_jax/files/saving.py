@@ -1,4 +1,4 @@
-"""Writing whole files or none, and where files are kept that can be made again."""
+"""Writing: files whole or not at all, apart from what is read, one process to a folder."""
 
 from __future__ import annotations
 
@@ -10,10 +10,72 @@ import re
 import shutil
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
 
 from remind_jax.errors import OutputError
+
+
+def refuse_folder(
+    folder: Path, inputs: Iterable[Any], *, is_ours: bool = True, may_hold: bool = False
+) -> None:
+    """Makes sure that files of an output folder never come among the inputs.
+
+    Args:
+      is_ours: Whether the folder holds nothing, or what was written by us. Another one is refused
+        below a folder that is read: it may be the one of the images.
+
+    Raises:
+      OutputError: If the folder is an input, or holds one.
+    """
+    out = _resolve(folder)
+    for path in map(_resolve, _paths(inputs)):
+        if out == path or (out in path.parents and not may_hold):
+            what = "is" if out == path else "holds"
+            raise OutputError(
+                f"the output folder '{folder}' {what} the input '{path}', which would be mixed up "
+                "with what is written; choose another folder"
+            )
+        if path in out.parents and not is_ours:
+            raise OutputError(
+                f"the output folder '{folder}' lies in the input '{path}' and holds other files; "
+                "choose an empty or another folder"
+            )
+
+
+def refuse_file(
+    file: Path, inputs: Iterable[Any], *, is_read: Callable[[str], bool] = lambda name: True
+) -> None:
+    """Makes sure that a file that is written replaces nothing that is read.
+
+    Args:
+      is_read: Which names of files in such a folder are read; all if left out.
+
+    Raises:
+      OutputError: If the file is an input, or one of the files of an input folder.
+    """
+    out = _resolve(file)
+    for path in map(_resolve, _paths(inputs)):
+        if out == path or (path in out.parents and out.exists() and is_read(out.name)):
+            where = "is" if out == path else f"belongs to '{path}', which is"
+            raise OutputError(f"the output '{file}' {where} an input; choose another name")
+
+
+def _paths(values: Iterable[Any]) -> list[Path]:
+    return [Path(value) for value in values if isinstance(value, (str, os.PathLike))]
+
+
+def _resolve(path: Path) -> Path:
+    """Where a path leads to, links followed. Raises OutputError if it leads nowhere."""
+    try:
+        return path.expanduser().resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise OutputError(f"'{str(path)[:200]}' cannot be used: {why}") from error
+
 
 # Machine, process and thread of who writes, after the name that the whole file will have.
 _UNFINISHED = re.compile(r".+\.([\w-]+)\.(\d+)-\d+\.part")
@@ -201,3 +263,42 @@ def _wait_for_disk(path: Path) -> None:
         os.fsync(number)
     finally:
         os.close(number)
+
+
+LOCK_NAME = ".lock"
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keeps a folder, which is made if needed, from other processes.
+
+    The system lets go of what a process had that died; what it was writing is removed.
+
+    Raises:
+      OutputError: If another process, or another run of this one, has the folder, or it cannot be
+        written to.
+    """
+    is_new = not folder.exists()
+    make_folder(folder)
+    path = folder / LOCK_NAME
+    lock = FileLock(path, thread_local=False)
+    try:
+        lock.acquire(blocking=False)
+    except Timeout as error:
+        raise OutputError(
+            f"'{folder}' is in use by another run; wait until it ends, or choose another folder"
+        ) from error
+    except OSError as error:
+        raise OutputError(
+            f"cannot write '{path}': {error.strerror or error}; choose another folder"
+        ) from error
+    try:
+        remove_unfinished(folder)
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            path.unlink()
+        lock.release()
+        if is_new:
+            with contextlib.suppress(OSError):
+                folder.rmdir()  # if nothing came into it

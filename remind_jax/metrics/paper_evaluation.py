@@ -18,12 +18,14 @@ from remind_jax.metrics.evaluation import without_nan
 from remind_jax.metrics.matching import match_detections
 from remind_jax.metrics.opening import Format, SceneSet
 from remind_jax.metrics.pairing import pair_scene
-from remind_jax.metrics.paper import Sightings, count_generic, count_remind
-from remind_jax.metrics.paper_scores import (
+from remind_jax.metrics.paper import (
     GENERIC_LEGEND,
     IGNORED_CLASSES,
     REMIND_LEGEND,
     PaperCounts,
+    Sightings,
+    count_generic,
+    count_remind,
     paper_scores,
 )
 from remind_jax.metrics.run_folder import number_detections, read_tracks

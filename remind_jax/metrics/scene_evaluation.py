@@ -19,12 +19,12 @@ from remind_jax.formats.mot import (
 )
 from remind_jax.metrics.evaluation import (
     Evaluation,
+    Intervals,
     pool_evaluations,
     scene_intervals,
     show_scores,
     without_nan,
 )
-from remind_jax.metrics.intervals import Intervals
 from remind_jax.metrics.opening import TEXT_FORMATS, Format, SceneSet
 from remind_jax.metrics.pairing import PairedScene, pair_scene
 from remind_jax.metrics.run_evaluation import Undecided, check_undecided, evaluate_pair

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
-from remind_jax.numerics.batch_axis import give_axis
+from remind_jax.numerics.slices import give_axis
 
 T = TypeVar("T")
 

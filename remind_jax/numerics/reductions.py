@@ -1,4 +1,4 @@
-"""Several reductions along one axis in one pass.
+"""Several reductions along one axis in one pass, and components of small graphs.
 
 The compiler makes a kernel of every reduction, also where several read the same rows.
 """
@@ -9,10 +9,20 @@ import functools
 from collections.abc import Callable
 from typing import Any, Literal
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Int, Shaped
+from jaxtyping import Array, Bool, Int, Shaped
+
+
+def connect(linked: Bool[Array, "N N"]) -> Bool[Array, "N N"]:
+    """Which entries a chain of links joins, by repeated squaring; an entry is linked to itself."""
+    num = linked.shape[0]
+    near = (linked | linked.T | jnp.eye(num, dtype=bool)).astype(jnp.float32)
+    square = lambda _, reach: (reach @ reach > 0).astype(jnp.float32)  # noqa: E731
+    return jax.lax.fori_loop(0, max(1, (num - 1).bit_length()), square, near) > 0
+
 
 Kind = Literal["sum", "max", "min", "any", "all", "top"]
 

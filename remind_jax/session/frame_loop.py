@@ -25,11 +25,10 @@ from remind_jax.explanation.explainer import new_archive
 from remind_jax.frame import Detections, Frame
 from remind_jax.live_page.view import LiveView
 from remind_jax.outputs.frame_record import FrameRecord
-from remind_jax.outputs.kept_tracks import KeptTracks
 from remind_jax.outputs.presence import UNDECIDED
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import Event, RunInfo
-from remind_jax.outputs.writer import RunWriter
+from remind_jax.outputs.writer import KeptTracks, RunWriter
 from remind_jax.printing.words import plural
 from remind_jax.session.checkpoint import Checkpoints, Header, Step
 from remind_jax.session.live import Tracker

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from remind_jax.calibration.comparisons import Comparisons
-from remind_jax.calibration.views import Views, compare_views
+from remind_jax.calibration.comparisons import Comparisons, Views, compare_views
 
 
 def unit(*angles):

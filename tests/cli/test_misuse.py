@@ -45,7 +45,6 @@ SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
         ((*SCENE, "--classes", "chair"), 2, "--classes is for a detector; give --detector"),
         ((*SCENE, "--confidence", "0.7"), 2, "--confidence is for a detector; give --detector"),
         ((*SCENE, "--sequence", "bear"), 2, "--sequence is 'bear', and '"),
-        ((*SCENE, "--mask-variant", "raw"), 2, "is no ScanNet++ scene that leaves a choice; leave"),
         ((*SCENE, "--record", "out"), 2, "--record and --out are the same folder; give"),
         ((*SCENE, "--record", "."), 1, "'.' is there already; choose another name"),
         ((*SCENE, "--backbone", "patch-statistics+"), 1, "has nothing before or after a plus"),

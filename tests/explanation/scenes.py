@@ -17,9 +17,8 @@ import numpy as np
 
 from remind_jax.decision import Outcome
 from remind_jax.explanation.archive import TraceArchive
-from remind_jax.explanation.remind.explainer import RemindExplainer
+from remind_jax.explanation.remind.explainer import FrameRecord, RemindExplainer
 from remind_jax.explanation.remind.explanation import RemindExplanation
-from remind_jax.explanation.remind.record import FrameRecord
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
 from remind_jax.remind.association.gating import read_context

@@ -13,7 +13,7 @@ from remind_jax.explanation import archive as module
 from remind_jax.explanation.archive import TRACE_NAME, TraceArchive
 from remind_jax.explanation.explainer import open_archive
 from remind_jax.explanation.plus.explainer import PlusRecord
-from remind_jax.explanation.remind.record import FrameRecord
+from remind_jax.explanation.remind.explainer import FrameRecord
 from tests.explanation.scenes import decide_frame
 
 ROWS = ([{0: 0.91, 1: 0.85}], [{}], [{0: 0.88, 1: 0.80}, {0: 0.87, 1: 0.76}])

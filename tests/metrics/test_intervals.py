@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from remind_jax.metrics.clear import count_clear
-from remind_jax.metrics.evaluation import evaluate_sequence, scene_intervals
+from remind_jax.metrics.evaluation import evaluate_sequence, scene_intervals, split_by_object
 from remind_jax.metrics.hota import count_hota
 from remind_jax.metrics.identity import count_identity
-from remind_jax.metrics.intervals import split_by_object
 from tests.metrics.golden import load_case
 from tests.metrics.tables import random_sequence, sequence_from_answers
 

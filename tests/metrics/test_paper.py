@@ -9,8 +9,14 @@ import pytest
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.metrics.collapse import BORN_BASE
 from remind_jax.metrics.decisions import NO_ROW, Decisions
-from remind_jax.metrics.paper import Sightings, collapse_scene, count_generic, count_remind
-from remind_jax.metrics.paper_scores import PaperCounts, paper_scores
+from remind_jax.metrics.paper import (
+    PaperCounts,
+    Sightings,
+    collapse_scene,
+    count_generic,
+    count_remind,
+    paper_scores,
+)
 from tests.metrics.golden import ROOT, read_json
 
 CASES: dict[str, Any] = read_json(ROOT / "original_evaluator.json")["cases"]

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from remind_jax.errors import SourceError
 from remind_jax.masks.run_length import encode_masks
-from remind_jax.metrics import similarity
-from remind_jax.metrics.similarity import pair_boxes, rle_iou
+from remind_jax.metrics.pairing import pair_boxes, rle_iou
 from tests.metrics.golden import ROOT, load_case
 
 

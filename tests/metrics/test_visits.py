@@ -14,8 +14,13 @@ from remind_jax.errors import SourceError
 from remind_jax.metrics.combine import pool_counts
 from remind_jax.metrics.recovery import collect_answers, count_recovery, find_reference
 from remind_jax.metrics.sequence import TrackingSequence
-from remind_jax.metrics.visit_evaluation import evaluate_run_visits
-from remind_jax.metrics.visits import count_visits, join_visits, split_recovery, visit_scores
+from remind_jax.metrics.visit_evaluation import (
+    count_visits,
+    evaluate_run_visits,
+    join_visits,
+    split_recovery,
+    visit_scores,
+)
 from remind_jax.tracks import Tracks
 from tests.outputs import fake_run
 

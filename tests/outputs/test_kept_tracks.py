@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from remind_jax.outputs.kept_tracks import KeptTracks
+from remind_jax.outputs.writer import KeptTracks
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_run
 

@@ -13,7 +13,7 @@ from remind_jax.config import Config, load_config
 from remind_jax.decision import Outcome
 from remind_jax.explanation.archive import TraceArchive
 from remind_jax.explanation.plus.explainer import PlusRecord
-from remind_jax.explanation.remind.record import FrameRecord
+from remind_jax.explanation.remind.explainer import FrameRecord
 from remind_jax.frame import Frame
 from remind_jax.outputs.result import Result
 from remind_jax.plus.verdicts import Stage, Verdicts, no_verdicts

@@ -210,7 +210,7 @@ def test_a_recorded_run_has_a_page_too(tmp_path, capsys):
 
 def test_what_a_live_run_keeps_in_memory_does_not_grow_with_its_frames(tmp_path):
     """The loop and the writer keep frames on disk; only numbers stay, some bytes per frame."""
-    from remind_jax.outputs.kept_tracks import KeptTracks
+    from remind_jax.outputs.writer import KeptTracks
 
     kept: list[KeptTracks] = []
     make = KeptTracks.__init__

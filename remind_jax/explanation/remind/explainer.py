@@ -6,9 +6,11 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, cast
 
+import jax
 import numpy as np
 
-from remind_jax.decision import NO_ID, Outcome, Reason, Status
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
+from remind_jax.explanation.archive import first_rows
 from remind_jax.explanation.explainer import Explainer
 from remind_jax.explanation.explanation import id_or_none
 from remind_jax.explanation.remind.explanation import (
@@ -24,15 +26,56 @@ from remind_jax.explanation.remind.explanation import (
     Voter,
 )
 from remind_jax.explanation.remind.reasons import give_reasons
-from remind_jax.explanation.remind.record import FrameRecord
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.disambiguation.joint_assignments import GroupStatus
 from remind_jax.remind.memory.objects import Lifecycle
-from remind_jax.remind.stages import Lock, MatchOrigin
+from remind_jax.remind.stages import Lock, MatchOrigin, Stages
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.trace import CandidateTrace, PassTrace, SetTrace
+from remind_jax.remind.trace import (
+    CandidateTrace,
+    ContextTrace,
+    DetectionTrace,
+    PassTrace,
+    SetTrace,
+    Trace,
+)
 from remind_jax.tracks import Tracks, title_of
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class FrameRecord:
+    """Everything known about the decisions of one frame; NumPy arrays without padding rows."""
+
+    decisions: Decisions
+    stages: Stages
+    detections: DetectionTrace
+    sets: SetTrace
+    context: ContextTrace
+
+    @classmethod
+    def of_step(cls, num: int, decisions: Decisions, trace: Trace) -> FrameRecord:
+        """The record of a frame of `num` detections."""
+        sets = jax.tree.map(lambda leaf: leaf[trace.sets.valid], trace.sets)
+        # A set explains as many detections as it has members.
+        sets = dataclasses.replace(
+            sets, detections=sets.detections[:, :num], member_id=sets.member_id[:, :num]
+        )
+        decided, stages, known = first_rows((decisions, trace.stages, trace.detections), num)
+        return cls(decided, stages, known, sets, trace.context)
+
+    def __len__(self) -> int:
+        return len(self.decisions.outcome)
+
+    def holder(self, object_id: int, other_than: int) -> int | None:
+        """Another detection that has, or was assigned, an object; None if there is none."""
+        for ids in (self.decisions.object_id, self.stages.assigned_id):
+            rows = [int(row) for row in np.flatnonzero(ids == object_id) if row != other_than]
+            if rows:
+                return rows[0]
+        return None
+
 
 _TERMS = ("object", "background", "parts", "ring_prototypes")  # the last only if it is on
 _MAX_SETS = 5

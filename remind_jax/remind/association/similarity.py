@@ -18,12 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from remind_jax.numerics.batch_axis import spread_over_batch
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.pooling import dot
 from remind_jax.numerics.rounding import divide
-from remind_jax.numerics.slices import take_slice
+from remind_jax.numerics.slices import spread_over_batch, take_slice
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.memory.prototypes import Bank, confidence, mean_quality

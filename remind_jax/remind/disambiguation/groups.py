@@ -14,8 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.components import connect
-from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.reductions import connect, reduce_together
 from remind_jax.remind.disambiguation.distance_evidence import (
     AGREEMENT_BASE,
     AGREEMENT_CONTACT,

@@ -15,13 +15,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NEVER
-from remind_jax.numerics.batch_axis import spread_over_batch
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.ranks import first_largest, largest
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
+from remind_jax.numerics.slices import spread_over_batch
 
 WORK, STABLE = 0, 1  # fresh prototypes, and those that proved themselves
 _QUALITY_RATE_MIN, _QUALITY_RATE_MAX = 0.08, 0.30

@@ -10,8 +10,7 @@ from remind_jax.numerics.pooling import keep_typical, pool
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import unit
 from remind_jax.observation import Descriptors, FrameFeats, Masks, PatchAttention
-from remind_jax.remind.perception.attention_parts import find_attention_parts
-from remind_jax.remind.perception.parts import cluster_parts
+from remind_jax.remind.perception.parts import cluster_parts, find_attention_parts
 from remind_jax.remind.perception.ring_prototypes import find_ring_prototypes
 from remind_jax.remind.perception.rings import find_rings, ring_weights
 from remind_jax.remind.thresholds import Thresholds

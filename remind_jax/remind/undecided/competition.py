@@ -1,6 +1,6 @@
-"""A new detection that looks like an object already matched: both stay open.
+"""Two detections that claim one object: a birth beside its parent, and an identity given twice.
 
-Rule: method.md#competition.
+Rules: method.md#competition, method.md#one-detection-each.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
@@ -19,7 +19,45 @@ from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.memory.objects import Lifecycle, Objects
 from remind_jax.remind.thresholds.outcome import Competition
 from remind_jax.remind.undecided.provisional_commit import reserve_ids
-from remind_jax.remind.undecided.temporal import SUPPORTED, PairTable
+from remind_jax.remind.undecided.temporal import SUPPORTED, PairTable, rank, temporal_score
+
+
+def withdraw_second_claims(
+    table: PairTable,
+    slot: Int[Array, "N"],
+    score: Float[Array, "N"],
+    enabled: Bool[Array, ""],
+    most: Int[Array, ""],
+) -> Undecided:
+    """Finds detections whose object another detection holds with a better score.
+
+    They become ambiguous between that object and their other plausible candidates. Among equals
+    the first detection keeps the object.
+
+    Args:
+      table: Scores and gates of all pairs.
+      slot: Matched object of each detection, -1 none.
+      score: Of the match.
+      enabled: Whether anything is withdrawn.
+      most: Largest number of candidates named.
+    """
+    num, width = table.plausible.shape
+    first = jnp.arange(num)
+    rival = (slot[:, None] == slot[None]) & (slot >= 0)[:, None]
+    better = score[None] > score[:, None]
+    better = better | ((score[None] == score[:, None]) & (first[None] < first[:, None]))
+    loses = jnp.any(rival & better, axis=1) & enabled
+
+    claimed = slot[:, None] == jnp.arange(width)
+    others = table.plausible & ~claimed
+    slots, scores = rank(temporal_score(table, others), others, most - 1)
+    return Undecided(
+        present=loses,
+        slot=jnp.concatenate([slot[:, None], slots[:, :-1]], axis=1),
+        score=jnp.concatenate([score[:, None], scores[:, :-1]], axis=1),
+        best=jnp.where(slot == NO_SLOT, 0.0, jnp.maximum(score, scores[:, 0])),
+        reason=jnp.full(num, Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH, jnp.int32),
+    )
 
 
 @jax.tree_util.register_dataclass

@@ -23,11 +23,10 @@ from remind_jax.remind.stages import MatchOrigin
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.ambiguity import find_ambiguous
-from remind_jax.remind.undecided.competition import find_competitions
+from remind_jax.remind.undecided.competition import find_competitions, withdraw_second_claims
 from remind_jax.remind.undecided.provisional import Doubts, no_doubts, question_births
 from remind_jax.remind.undecided.stability import Stabilized, doubt_entries, stabilize
 from remind_jax.remind.undecided.temporal import PairTable, prefer
-from remind_jax.remind.undecided.uniqueness import withdraw_second_claims
 from remind_jax.static import Static
 
 

@@ -20,10 +20,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.components import connect
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.ranks import first_largest, largest
-from remind_jax.numerics.reductions import pick_in_rows, reduce_together
+from remind_jax.numerics.reductions import connect, pick_in_rows, reduce_together
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.outcome import Stability

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.remind.undecided import uniqueness
+from remind_jax.remind.undecided import competition
 
 NUM, SLOTS = 6, 4
 
@@ -20,7 +20,7 @@ NUM, SLOTS = 6, 4
 @pytest.fixture
 def scored(monkeypatch):
     """Lets the scores of pairs be given with the account."""
-    monkeypatch.setattr(uniqueness, "temporal_score", lambda account, members: account.score)
+    monkeypatch.setattr(competition, "temporal_score", lambda account, members: account.score)
 
 
 def withdraw(slot, score, plausible=None, final=None, enabled=True, most=3) -> Any:
@@ -28,7 +28,7 @@ def withdraw(slot, score, plausible=None, final=None, enabled=True, most=3) -> A
     account: Any = SimpleNamespace(
         plausible=plausible, score=np.zeros((NUM, SLOTS)) if final is None else final
     )
-    return uniqueness.withdraw_second_claims(
+    return competition.withdraw_second_claims(
         account, np.asarray(slot), np.asarray(score), np.array(enabled), np.array(most)
     )
 
