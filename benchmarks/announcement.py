@@ -4,7 +4,7 @@
 
 DATA is a folder of sequences with masks (`remind_jax.sources.open_source`), each of which the
 detector looks at anew; `--sequence` chooses one. Tours are rendered, their masks worsened as a
-detector's (`remind_jax.synthetic.detector_noise`). Every sequence is tracked once and told for each
+detector's (`benchmarks/detector_noise.py`). Every sequence is tracked once and told for each
 `announce_after`; `--config` chooses the tracker.
 
 Columns: `identities` announced; `seen5`, the objects of the truth that were detected five times or
@@ -30,6 +30,7 @@ from scipy.optimize import linear_sum_assignment
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.detector_noise import DetectorNoise, add_detector_noise
 from benchmarks.rows import show_rows
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.frame import NO_INSTANCE, Detections, Frame
@@ -41,7 +42,7 @@ from remind_jax.outputs.presence import UNDECIDED
 from remind_jax.session.announcement import Announcements, announce, as_announced
 from remind_jax.session.live import Tracker
 from remind_jax.sources import open_source
-from remind_jax.synthetic import DetectorNoise, add_detector_noise, demo_options, make_scene, render
+from remind_jax.synthetic import demo_options, make_scene, render
 from remind_jax.synthetic.shapes import CLASSES
 from remind_jax.tracks import Tracks
 

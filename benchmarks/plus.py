@@ -25,6 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.detector_noise import DetectorNoise, add_detector_noise
 from benchmarks.plus_recording import (
     Changes,
     Recording,
@@ -43,10 +44,8 @@ from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.session.live import Tracker
 from remind_jax.sources import open_source
 from remind_jax.synthetic import (
-    DetectorNoise,
     LookalikeGroup,
     SceneOptions,
-    add_detector_noise,
     make_scene,
     render,
 )

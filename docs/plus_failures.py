@@ -17,11 +17,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.detector_noise import add_detector_noise
 from benchmarks.plus import STRESS, TOUR
 from benchmarks.plus_recording import answer, best_ids, record
 from remind_jax.frame import Frame
 from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.synthetic import add_detector_noise, make_scene, render
+from remind_jax.synthetic import make_scene, render
 from remind_jax.synthetic.shapes import CLASSES
 
 TOURS = ("moved 30 %", "swapped 30 %", "split, merged, false")

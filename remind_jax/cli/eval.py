@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from remind_jax.metrics.visit_evaluation import VisitsEvaluation
     from remind_jax.tracks import Tracks
 
-FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "coco-vid", "cvat", "run"]
+FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "cvat", "run"]
 
 _MAX_RESAMPLES = 1_000_000
 _MAX_ABSENCE = 1_000_000
@@ -35,7 +35,7 @@ class Eval:
     Numbers equal TrackEval's. Recovery: returns that got their identity back.
 
     Truth and predictions may be:
-      MOTChallenge or MOTS text; COCO-video, YouTube-VIS or CocoVID JSON;
+      MOTChallenge or MOTS text; COCO-video / YouTube-VIS JSON;
       a folder of instance maps (DAVIS); an output folder of 'remind run';
       a folder with many scenes of these.
 

@@ -44,7 +44,6 @@ class Annotation(msgspec.Struct, frozen=True):
     image_id: Id | None = None
     video_id: Id | None = None
     category_id: Whole | None = None
-    track_id: Whole | None = None
     instance_id: Whole | None = None
     segmentation: Segmentation | None = None
     bbox: Box | None = None
@@ -67,13 +66,10 @@ class Category(msgspec.Struct, frozen=True):
 
 
 class ImageRecord(msgspec.Struct, frozen=True):
-    """A frame, maybe of a video."""
+    """A frame."""
 
     id: Id
     file_name: Text | None = None
-    video_id: Id | None = None
-    frame_index: Whole | None = None
-    frame_id: Whole | None = None
 
 
 class VideoRecord(msgspec.Struct, frozen=True):

@@ -1,7 +1,6 @@
-"""Tracks in COCO JSON: `coco-video` (YouTube-VIS), one row per track; `coco-vid`, one per image.
+"""Tracks in JSON of COCO-video (YouTube-VIS): one row per track, with a shape or null per frame.
 
-Frames of a video are its `file_names` or `length`, else its images in the order of `frame_index` or
-`frame_id`. Lists of results name videos, images and categories by number only: those of the truth.
+Lists of results name videos and categories by number only: those of the truth.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from remind_jax.formats.coco import (
     Annotation,
     Box,
     DataSet,
-    ImageRecord,
     Segmentation,
     name_categories,
     say_bad,
@@ -29,8 +27,6 @@ from remind_jax.formats.firm import firm_rows
 from remind_jax.formats.rows import UNKNOWN_CLASS, RowCollector, TrackRows
 from remind_jax.frame import Rle
 from remind_jax.tracks import Tracks
-
-CocoFormat = Literal["coco-video", "coco-vid"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +44,6 @@ class CocoIndex:
     """Numbers of a file and what they stand for."""
 
     videos: Mapping[Any, Video] = dataclasses.field(default_factory=dict)  # by video id
-    images: Mapping[Any, tuple[Any, int]] = dataclasses.field(default_factory=dict)  # video, place
     categories: Mapping[int, str] = dataclasses.field(default_factory=dict)
 
     @cached_property
@@ -63,15 +58,11 @@ class CocoIndex:
 
 
 def index_videos(content: DataSet, file: str) -> CocoIndex:
-    """Reads videos, images and categories of a truth file.
+    """Reads videos and categories of a truth file.
 
     Raises:
       SourceError: If its labels are federated: not every class is labeled in every video.
     """
-    images_of: dict[Any, list[ImageRecord]] = {}
-    for image in content.images:
-        images_of.setdefault(image.video_id, []).append(image)
-    places: dict[Any, tuple[Any, int]] = {}
     videos: dict[Any, Video] = {}
     for video in content.videos:
         if video.neg_category_ids is not None:
@@ -79,11 +70,8 @@ def index_videos(content: DataSet, file: str) -> CocoIndex:
                 f"'{file}' is federated truth (`neg_category_ids`, as of TAO), which leaves "
                 "objects unlabeled; score it by TrackEval, or take these fields out to count all"
             )
-        images = sorted(images_of.get(video.id, ()), key=_frame_number)
-        places |= {image.id: (video.id, place) for place, image in enumerate(images)}
-        names = video.file_names or tuple(i.file_name for i in images if i.file_name is not None)
+        names = video.file_names or ()
         length = len(names) if video.length is None else video.length
-        length = len(images) if images else length
         common = names[0].rpartition("/")[0] if names else ""
         videos[video.id] = Video(
             name=str(video.name or common or video.id),
@@ -91,49 +79,29 @@ def index_videos(content: DataSet, file: str) -> CocoIndex:
             frame_names=names if names and len(names) == length else None,
             size=(video.height, video.width) if video.height and video.width else None,
         )
-    return CocoIndex(videos, places, name_categories(content.categories, file))
+    return CocoIndex(videos, name_categories(content.categories, file))
 
 
-def group_by_video(
-    content: DataSet, format: CocoFormat, index: CocoIndex, file: str
-) -> dict[Any, list[tuple[int, Annotation]]]:
-    """Numbers and annotations of each video, by its id; those on unknown images are left out.
+def group_by_video(content: DataSet, file: str) -> dict[Any, list[tuple[int, Annotation]]]:
+    """Numbers and annotations of each video, by its id.
 
     Raises:
-      SourceError: If an annotation is malformed.
+      SourceError: If an annotation is malformed, or of no track.
     """
     groups: dict[Any, list[tuple[int, Annotation]]] = {}
     for row in decode_rows(content.annotations, Annotation, f"'{file}'"):
         annotation = row.get()
-        video_id = annotation.video_id
-        if format == "coco-vid":
-            video_id, _ = index.images.get(annotation.image_id, (None, 0))
-        groups.setdefault(video_id, []).append((row.number, annotation))
+        if annotation.segmentations is None and annotation.bboxes is None:
+            raise SourceError(
+                f"'{file}', row {row.number} has neither 'segmentations' nor 'bboxes': it is of no "
+                "track; give JSON of COCO-video / YouTube-VIS"
+            )
+        groups.setdefault(annotation.video_id, []).append((row.number, annotation))
     return groups
-
-
-def recognize_coco(content: DataSet, file: str) -> CocoFormat | None:
-    """What a file with annotations is; None if it has none.
-
-    Raises:
-      SourceError: If its annotations are of no tracks.
-    """
-    if not content.annotations:
-        return None
-    first = next(decode_rows(content.annotations, Annotation, f"'{file}'")).get()
-    if first.segmentations is not None or first.bboxes is not None:
-        return "coco-video"
-    if first.image_id is not None and (first.track_id, first.instance_id) != (None, None):
-        return "coco-vid"
-    raise SourceError(
-        f"'{file}' is no JSON of tracks: COCO-video / YouTube-VIS ('segmentations' per track) or "
-        "CocoVID ('image_id' and 'track_id')"
-    )
 
 
 def read_video(
     entries: Sequence[tuple[int, Annotation]],
-    format: CocoFormat,
     index: CocoIndex,
     video_id: Any,
     file: str,
@@ -147,11 +115,10 @@ def read_video(
     """
     video = index.videos[video_id]
     rows = RowCollector()
-    read = _read_track if format == "coco-video" else _read_annotation
     for number, entry in entries:
         class_id = index.places.get(entry.category_id, UNKNOWN_CLASS)  # pyright: ignore
         where = f"'{file}', row {number}"
-        for frame, track_id, shape in read(entry, number, video, index, where):
+        for frame, track_id, shape in _read_track(entry, number, video, where):
             if isinstance(shape, tuple):
                 left, top, width, height = shape
                 box = [left, top, left + width, top + height]
@@ -170,14 +137,11 @@ def read_video(
 _Row = tuple[int, int, Segmentation | Box]  # frame, id, shape
 
 
-def _read_track(
-    track: Annotation, number: int, video: Video, index: CocoIndex, where: str
-) -> Iterator[_Row]:
+def _read_track(track: Annotation, number: int, video: Video, where: str) -> Iterator[_Row]:
     """Rows of a track; one of a list of results goes by its number in the list."""
     track_id = number if track.id is None else track.id
     shapes = track.bboxes if track.segmentations is None else track.segmentations
-    if shapes is None:
-        raise SourceError(f"{where} has neither 'segmentations' nor 'bboxes'")
+    assert shapes is not None  # as `group_by_video` checked
     if len(shapes) > video.num_frames:
         raise SourceError(
             f"{where} has {len(shapes)} frames, its video '{video.name}' {video.num_frames}"
@@ -190,18 +154,6 @@ def _read_track(
             yield frame, track_id, shape
 
 
-def _read_annotation(
-    entry: Annotation, number: int, video: Video, index: CocoIndex, where: str
-) -> Iterator[_Row]:
-    """The row of an annotation of an image."""
-    track_id = entry.instance_id if entry.track_id is None else entry.track_id
-    shape = entry.segmentation or entry.bbox
-    if track_id is None or shape is None:
-        what = "'track_id'" if track_id is None else "'bbox' or 'segmentation'"
-        raise SourceError(f"{where}: an annotation has no {what}")
-    yield index.images[entry.image_id][1], track_id, shape
-
-
 def _to_rle(shape: Any, size: tuple[int, int] | None, where: str) -> Rle:
     """A segmentation as a code; a bare text is one of the size of its video."""
     if isinstance(shape, str) and size is not None:
@@ -211,11 +163,6 @@ def _to_rle(shape: Any, size: tuple[int, int] | None, where: str) -> Rle:
     if why := say_bad(shape):
         raise SourceError(f"{where}: a segmentation is malformed, {why}")
     return to_rle(shape, size)
-
-
-def _frame_number(image: ImageRecord) -> tuple[int, str]:
-    number = image.frame_id if image.frame_index is None else image.frame_index
-    return number or 0, image.file_name or ""
 
 
 def coco_video(

@@ -6,7 +6,6 @@
 | `mots`, `kitti-mots` | MOTS text: likewise |
 | `davis` | instance maps, one PNG per frame: a folder, or folders of them |
 | `coco-video` | COCO-video / YouTube-VIS JSON, truth or list of results |
-| `coco-vid` | CocoVID JSON, truth or list of results |
 | `cvat` | XML of CVAT for video, or the zip that holds it |
 | `run` | output folder of `remind run`, or a folder of such folders |
 """
@@ -26,12 +25,10 @@ from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.formats.coco import read_data_set
 from remind_jax.formats.coco_tracks import (
-    CocoFormat,
     CocoIndex,
     group_by_video,
     index_videos,
     read_video,
-    recognize_coco,
 )
 from remind_jax.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat
 from remind_jax.formats.instance_maps import find_map_scenes, read_instance_maps
@@ -42,7 +39,7 @@ from remind_jax.sources.class_names import UNNAMED, ClassNames, parse_metadata
 from remind_jax.sources.davis import metadata_files
 from remind_jax.sources.label_maps import require_classes
 
-Format = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "coco-vid", "cvat", "run"]
+Format = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "cvat", "run"]
 FORMATS: tuple[str, ...] = get_args(Format)
 TEXT_FORMATS: tuple[FileFormat, ...] = ("mot", "mots", "kitti-mots")
 
@@ -91,8 +88,8 @@ def open_scenes(
         return SceneSet(path, "cvat", {name: functools.partial(read_cvat, path)}, {name: path})
     if format is None and zipfile.is_zipfile(path):
         raise SourceError(f"'{path}' is a zip that holds no '{NAME_IN_ZIP}' of CVAT; unpack it")
-    if path.suffix.lower() == ".json" or format in get_args(CocoFormat):
-        return _open_json(path, format, truth)
+    if path.suffix.lower() == ".json" or format == "coco-video":
+        return _open_json(path, truth)
     if format in ("davis", "run"):
         raise SourceError(f"{path} is a file; format '{format}' is a folder")
     found = format or recognize_format(path)
@@ -198,14 +195,10 @@ def find_classes(folder: Path, name: str) -> ClassNames | None:
     return None
 
 
-def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> SceneSet:
+def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
     file = str(path)
     with files.reading(path):
         content = read_data_set(files.read_bytes(path), file)
-    like: Any = truth.format if truth is not None and truth.index.videos else None
-    found: Any = format or recognize_coco(content, file) or like
-    if found is None:
-        found = "coco-vid" if content.images else "coco-video"
     if content.videos or truth is None:
         index = index_videos(content, file)
     else:
@@ -215,14 +208,12 @@ def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> Sce
             f"'{path}' names no `videos`: it is no truth, and a list of results names them by "
             "number only; give truth in the JSON of the same data set"
         )
-    groups = group_by_video(content, found, index, file)
+    groups = group_by_video(content, file)
     read = {
-        video.name: functools.partial(
-            read_video, groups.get(number, []), found, index, number, file
-        )
+        video.name: functools.partial(read_video, groups.get(number, []), index, number, file)
         for number, video in index.videos.items()
     }
-    return SceneSet(path, found, read, dict.fromkeys(read, path), index)
+    return SceneSet(path, "coco-video", read, dict.fromkeys(read, path), index)
 
 
 def is_blank(path: Path) -> bool:

@@ -1,8 +1,6 @@
 """Procedural rooms, objects and camera paths with ground truth, seeded."""
 
 from remind_jax.synthetic.davis import write_davis as write_davis
-from remind_jax.synthetic.detector_noise import DetectorNoise as DetectorNoise
-from remind_jax.synthetic.detector_noise import add_detector_noise as add_detector_noise
 from remind_jax.synthetic.options import LookalikeGroup as LookalikeGroup
 from remind_jax.synthetic.options import SceneOptions as SceneOptions
 from remind_jax.synthetic.options import demo_options as demo_options

@@ -355,9 +355,6 @@ def _score(path: Path) -> None:
 
 
 FORMATS |= {
-    "coco vid scored": Format(
-        "json", _json_of(lambda: tracks.coco_vid(tracks.TRUTH, True)), _score
-    ),
     "coco boxes scored": Format(
         "json", _json_of(lambda: tracks.coco_video(tracks.TRUTH, "bboxes")), _score
     ),

@@ -71,62 +71,6 @@ def mots_text(rows: list[str], first_frame: int = 1) -> str:
     )
 
 
-def coco_video(scenes: dict[str, list[str]], part: str = "segmentations") -> dict[str, Any]:
-    """COCO-video JSON with masks or boxes."""
-    names = sorted(set(CLASSES.values()))
-    videos, annotations = [], []
-    for video_id, (scene, rows) in enumerate(scenes.items(), 1):
-        files = [f"{scene}/{frame:05d}.jpg" for frame in range(len(rows))]
-        size = {"height": HEIGHT, "width": len(rows[0]), "length": len(rows)}
-        videos.append({"id": video_id, "name": scene, "file_names": files, **size})
-        tracks: dict[int, list[Any]] = {}
-        for frame, number, code, box in rows_of(rows):
-            entries = tracks.setdefault(number, [None] * len(rows))
-            entries[frame] = code if part == "segmentations" else box
-        annotations += [
-            {
-                "id": number,
-                "video_id": video_id,
-                "category_id": names.index(CLASSES.get(number, "cup")) + 1,
-                part: entries,
-            }
-            for number, entries in tracks.items()
-        ]
-    categories = [{"id": i + 1, "name": name} for i, name in enumerate(names)]
-    return {"videos": videos, "annotations": annotations, "categories": categories}
-
-
-def coco_results(scenes: dict[str, list[str]]) -> list[dict[str, Any]]:
-    """The list of results that YouTube-VIS asks for; it has no ids."""
-    return [
-        {k: v for k, v in annotation.items() if k not in ("id", "category_id")} | {"score": 0.9}
-        for annotation in coco_video(scenes)["annotations"]
-    ]
-
-
-def coco_vid(scenes: dict[str, list[str]], with_masks: bool) -> dict[str, Any]:
-    """CocoVID JSON: one annotation per object and image."""
-    videos, images, annotations = [], [], []
-    for video_id, (scene, rows) in enumerate(scenes.items(), 1):
-        videos.append({"id": video_id, "name": scene, "height": HEIGHT, "width": len(rows[0])})
-        for frame in reversed(range(len(rows))):
-            name = f"{scene}/{frame:05d}.jpg"
-            image = {"id": 100 * video_id + frame, "video_id": video_id, "frame_index": frame}
-            images.append({**image, "file_name": name})
-        for frame, number, code, box in rows_of(rows):
-            shape = {"segmentation": code} if with_masks else {"bbox": box}
-            image_id = 100 * video_id + frame
-            entry = {"track_id": number, "video_id": video_id, "image_id": image_id, **shape}
-            annotations.append({"id": len(annotations), "category_id": 1, **entry})
-    categories = [{"id": 1, "name": "thing"}]
-    return {
-        "videos": videos,
-        "images": images,
-        "annotations": annotations,
-        "categories": categories,
-    }
-
-
 def write_json(path: Path, content: Any) -> Path:
     path.write_text(json.dumps(content))
     return path

@@ -153,6 +153,6 @@ def test_unknown_formats_are_refused():
     unknown: Any = "coco"
     with pytest.raises(
         RemindError,
-        match="format is 'coco'; did you mean 'coco-vid'",
+        match="format is 'coco'; did you mean 'coco-video'",
     ):
         evaluate("gt", "pred", format=unknown)

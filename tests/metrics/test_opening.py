@@ -37,8 +37,6 @@ WRITERS: dict[str, tuple[str, Writer]] = {
     "davis": ("davis", made.write_davis),
     "coco masks": ("coco-video", _json(made.coco_video)),
     "coco boxes": ("coco-video", _json(lambda scenes: made.coco_video(scenes, "bboxes"))),
-    "vid masks": ("coco-vid", _json(lambda scenes: made.coco_vid(scenes, True))),
-    "vid boxes": ("coco-vid", _json(lambda scenes: made.coco_vid(scenes, False))),
 }
 
 # Object 1 shrinks to half of its mask in the last frame (an overlap of 0.5 counts as a match);
@@ -47,7 +45,7 @@ EXPECTED = {"IDTP": 9, "IDFN": 1, "IDFP": 1, "IDSW": 1, "GT_IDs": 3, "Opportunit
 
 
 @pytest.mark.parametrize("prediction", WRITERS)
-@pytest.mark.parametrize("truth", ["mot", "mots", "davis", "coco masks", "vid masks"])
+@pytest.mark.parametrize("truth", ["mot", "mots", "davis", "coco masks"])
 def test_every_mixture_scores_alike(tmp_path: Path, truth: str, prediction: str):
     truth_path = WRITERS[truth][1](tmp_path / "truth", TRUTH)
     made_of = {k: v for k, v in ANSWERS.items()}
@@ -86,9 +84,6 @@ def test_truth_beside_detections_that_are_input_is_no_run(tmp_path: Path):
 def test_result_lists_lean_on_the_truth(tmp_path: Path):
     truth = made.write_json(tmp_path / "truth.json", made.coco_video(TRUTH))
     results = made.write_json(tmp_path / "results.json", made.coco_results(ANSWERS))
-    assert evaluate(truth, results).scores()["IDTP"] == 9
-    truth = made.write_json(tmp_path / "vid.json", made.coco_vid(TRUTH, False))
-    results = made.write_json(tmp_path / "r.json", made.coco_vid(ANSWERS, False)["annotations"])
     assert evaluate(truth, results).scores()["IDTP"] == 9
     empty = made.write_json(tmp_path / "empty.json", [])
     assert evaluate(truth, empty).scores()["IDFN"] == 10

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
+from benchmarks.detector_noise import DetectorNoise, add_detector_noise, worsen
 from remind_jax.errors import ConfigError
 from remind_jax.frame import Detections
-from remind_jax.synthetic import DetectorNoise, add_detector_noise
-from remind_jax.synthetic.detector_noise import worsen
 from tests.synthetic.conftest import detections_of
 
 CLASSES = ("mug", "box", "can")
