@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from remind_jax.errors import SourceError
 from remind_jax.masks.run_length import encode_masks
+from remind_jax.metrics import pairing
 from remind_jax.metrics.pairing import pair_boxes, rle_iou
 from tests.metrics.golden import ROOT, load_case
 
@@ -63,7 +64,7 @@ def test_boxes_are_masks(seed: int):
 
 
 def test_sequences_in_chunks_equal_frames_alone(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(similarity, "_PAIRS_PER_CHUNK", 40)
+    monkeypatch.setattr(pairing, "_PAIRS_PER_CHUNK", 40)
     rng = np.random.default_rng(0)
     gt_frame, pred_frame = np.sort(rng.integers(0, 9, 60)), np.sort(rng.integers(2, 12, 50))
     corner = rng.random((110, 2)) * 10
