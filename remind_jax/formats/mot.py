@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import configparser
 import dataclasses
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -25,11 +24,6 @@ FileFormat = Literal["mot", "mots", "kitti-mots"]
 MOTS_CLASSES = {1: "car", 2: "pedestrian"}
 MOTS_IGNORE_CLASS = 10
 DEFAULT_MOTS_CLASS = 2
-
-SIZE_UNKNOWN = (
-    "the frame size is unknown (no seqinfo.ini with imWidth and imHeight beside the truth), "
-    "so nothing is said by size of observation"
-)
 
 _MAX_NUMBER = 1e16
 _MAX_ID = 2**63 - 1
@@ -108,27 +102,6 @@ def fit_texts(
     truth, prediction = (_keep_class(rows, class_id) for rows in (truth, prediction))
     frame_size = truth.frame_size or prediction.frame_size or (1, 1)  # any, if there is no row
     return dataclasses.replace(truth, frame_size=frame_size), prediction
-
-
-def share_of_frame(
-    boxes: Float[np.ndarray, "N 4"], frame_size: tuple[int, int]
-) -> Float[np.ndarray, "N"]:
-    """Share of the frame that each box covers; what lies outside of the frame does not count."""
-    height, width = frame_size
-    left, top, right, bottom = np.clip(boxes, 0, [width, height, width, height]).T
-    return np.maximum(right - left, 0) * np.maximum(bottom - top, 0) / (height * width)
-
-
-def read_frame_size(gt_path: Path) -> tuple[int, int] | None:
-    """Height and width in pixels from the scene's `seqinfo.ini`; None where they are unknown."""
-    folder = gt_path.parent.parent if gt_path.parent.name == "gt" else gt_path.parent
-    content = configparser.ConfigParser()
-    try:
-        content.read_string(files.read_text(folder / "seqinfo.ini", MAX_TEXT_BYTES))
-        size = tuple(content.getint("Sequence", key) for key in ("imHeight", "imWidth"))
-    except (configparser.Error, ValueError, OSError):
-        return None
-    return (size[0], size[1]) if 0 < min(size) <= max(size) <= MAX_SIDE_PX else None
 
 
 def _read_boxes(path: str | Path, name: str, *, is_truth: bool) -> TrackRows:

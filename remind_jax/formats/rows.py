@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Rle
-from remind_jax.masks.run_length import find_malformed, mask_areas
+from remind_jax.masks.run_length import find_malformed
 
 UNKNOWN_CLASS = -1
 
@@ -49,14 +49,6 @@ class TrackRows:
 
     def __len__(self) -> int:
         return len(self.frame)
-
-    @property
-    def areas(self) -> Float[np.ndarray, "N"]:
-        """Pixels of the masks, or of the boxes where there are no masks."""
-        if self.rles is not None:
-            return mask_areas(self.rles).astype(float)
-        width, height = (self.boxes[:, 2:] - self.boxes[:, :2]).T
-        return np.maximum(width, 0) * np.maximum(height, 0)
 
     def select(self, keep: Bool[np.ndarray, "N"] | Int[np.ndarray, "M"]) -> TrackRows:
         """The same scene with only some of its rows, or with its rows in another order."""

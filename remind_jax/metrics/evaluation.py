@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from remind_jax.metrics.breakdowns import Breakdown, pool_breakdowns
 from remind_jax.metrics.clear import ClearCounts, clear_scores, count_clear, split_clear
 from remind_jax.metrics.combine import (
     bootstrap_intervals,
@@ -111,28 +110,23 @@ class Evaluation(Printable):
     hota: HotaCounts
     clear: ClearCounts
     identity: IdentityCounts
-    recovery: RecoveryCounts  # one-to-one reference, per object
-    majority_recovery: RecoveryCounts  # majority reference, per object
+    recovery: RecoveryCounts  # per object
     sizes: SizeCounts
     uncertainty: UncertaintyCounts | None = None  # where the tracker can be undecided
     by_class: Mapping[str, Evaluation] = dataclasses.field(default_factory=dict)
-    breakdowns: Mapping[str, Breakdown] = dataclasses.field(default_factory=dict)
     by_object: Sequence[Family] | None = None  # of one sequence, for intervals over its objects
     is_pooled: bool = False
 
     def fields(self) -> dict[str, Any]:
         """Every field at full precision; HOTA fields are arrays over its 19 thresholds.
 
-        Names are TrackEval's where it has one. `...Majority` uses the majority reference.
+        Names are TrackEval's where it has one.
         """
-        majority = recovery_scores(sum_counts(self.majority_recovery))
         fields = {
             **self.standard_fields(),
             "Frames": self.sizes.frames,
             "RepeatedIDs": self.sizes.repeated_ids,
             **recovery_scores(sum_counts(self.recovery)),
-            "RecoveryMajority": majority["Recovery"],
-            "HardRecoveryMajority": majority["HardRecovery"],
         }
         if self.uncertainty is not None:
             fields |= uncertainty_scores(self.uncertainty)
@@ -189,7 +183,6 @@ def evaluate_sequence(
     *,
     firm: TrackingSequence | None = None,
     uncertainty: UncertaintyCounts | None = None,
-    breakdowns: Mapping[str, Breakdown] | None = None,
     num_repeated: int = 0,
     recovery_similarity: float = 0.5,
     min_absence_frames: int = 1,
@@ -201,10 +194,7 @@ def evaluate_sequence(
       recovery_similarity: Least overlap at which an answer counts for recovery (the paper: 0).
     """
     answers = collect_answers(sequence if firm is None else firm, recovery_similarity)
-    recovery, majority = (
-        count_recovery(answers, find_reference(answers, kind), min_absence_frames)
-        for kind in ("one_to_one", "majority")
-    )
+    recovery = count_recovery(answers, find_reference(answers), min_absence_frames)
     sizes = (
         len(sequence.pred_id),
         len(sequence.gt_id),
@@ -219,10 +209,8 @@ def evaluate_sequence(
         clear=count_clear(sequence),
         identity=count_identity(sequence),
         recovery=recovery,
-        majority_recovery=majority,
         sizes=SizeCounts(*(np.asarray(size) for size in sizes)),
         uncertainty=uncertainty,
-        breakdowns=breakdowns or {},
         by_object=split_by_object(sequence, recovery) if by_object else None,
     )
 
@@ -257,11 +245,9 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
         clear=pool_counts(e.clear for e in evaluations),
         identity=pool_counts(e.identity for e in evaluations),
         recovery=_chain_objects(e.recovery for e in evaluations),
-        majority_recovery=_chain_objects(e.majority_recovery for e in evaluations),
         sizes=pool_counts(e.sizes for e in evaluations),
         uncertainty=pool_counts(uncertain) if uncertain else None,
         by_class=pool_classes([e.by_class for e in evaluations]),
-        breakdowns=pool_breakdowns([e.breakdowns for e in evaluations]),
         is_pooled=True,
     )
 

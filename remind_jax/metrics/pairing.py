@@ -20,7 +20,6 @@ from remind_jax.formats.pictures import IMAGE_SUFFIXES
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import decode_mask, encode_masks
-from remind_jax.metrics.breakdowns import Breakdown, count_breakdowns
 from remind_jax.metrics.matching import EPSILON, match_detections
 from remind_jax.metrics.sequence import TrackingSequence, frame_starts
 from remind_jax.sources.file_tree import last_number
@@ -177,24 +176,6 @@ def pair_scene(truth: TrackRows, prediction: TrackRows) -> PairedScene:
     keep[match_detections(sequence)[1]] = True
     everything = np.ones(len(truth), bool)
     return PairedScene(sequence.select(everything, keep), truth, prediction.select(keep), notes)
-
-
-def break_down(
-    sequence: TrackingSequence, truth: TrackRows, area_share: Float[np.ndarray, "N"] | None = None
-) -> dict[str, Breakdown]:
-    """Breakdowns of a scene under any labels, as far as its truth (rows as in it) allows.
-
-    The share of the frame that each row of truth covers follows from the truth, if not given.
-    """
-    if area_share is None and truth.frame_size is not None:
-        area_share = truth.areas / max(1, int(np.prod(truth.frame_size)))
-    has_classes = bool(truth.class_names) and not (truth.class_id == UNKNOWN_CLASS).any()
-    return count_breakdowns(
-        sequence,
-        area_share=area_share,
-        gt_class=truth.class_id if has_classes else None,
-        class_names=truth.class_names,
-    )
 
 
 def align_frames(

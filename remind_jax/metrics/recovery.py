@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,13 +16,8 @@ from remind_jax.metrics.sequence import TrackingSequence, number_ids
 NO_LABEL = -1
 ANY_CLASS = -1
 
-Reference = Literal["one_to_one", "majority"]
-
-# In the one-to-one reference common frames come first, overlap breaks ties.
+# In the reference common frames come first, overlap breaks ties.
 _FRAME_WEIGHT = 1000.0
-
-# Sums of overlaps that differ by less are equal; they differ by rounding only.
-_SUM_DECIMALS = 9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,17 +68,36 @@ def collect_answers(sequence: TrackingSequence, min_similarity: float = 0.5) -> 
     )
 
 
-def find_reference(answers: Answers, kind: Reference = "one_to_one") -> Int[np.ndarray, "objects"]:
+def find_reference(answers: Answers) -> Int[np.ndarray, "objects"]:
     """The label that counts as right for each object, NO_LABEL if there is none.
 
-    `one_to_one` assigns each label to at most one object, per class, by common frames, then overlap
-    (the original's evaluator; a tracker gains nothing by calling everything alike). `majority`
-    takes the most frequent label of each object (the paper's words); ties go to the larger overlap,
-    then to the earlier first use, then to the smaller label.
+    Each label is assigned to at most one object, per class, by common frames, then overlap (the
+    original's evaluator; a tracker gains nothing by calling everything alike).
     """
-    if kind == "majority":
-        return _majority_reference(answers)
-    return _one_to_one_reference(answers)
+    objects, index = number_ids(answers.gt_id)
+    said = np.flatnonzero(answers.label != NO_LABEL)
+    num_labels = max(1, len(answers.label_class))
+    found, member = number_ids(index[said] * num_labels + answers.label[said])
+    owner, label = found // num_labels, found % num_labels
+    count = np.bincount(member, minlength=len(found))
+    overlap = np.bincount(member, answers.similarity[said], len(found))
+    object_class = np.zeros(len(objects), np.int64)
+    object_class[index[::-1]] = answers.gt_class[::-1]
+    weight = _FRAME_WEIGHT * count + overlap
+    reference = np.full(len(objects), NO_LABEL)
+    for class_id in np.unique(object_class):
+        fits = np.isin(answers.label_class[label], [class_id, ANY_CLASS])
+        here = fits & (object_class[owner] == class_id)
+        if not here.any():
+            continue
+        rows, row = np.unique(owner[here], return_inverse=True)
+        columns, column = np.unique(label[here], return_inverse=True)
+        matrix = np.zeros((len(rows), len(columns)))
+        matrix[row, column] = weight[here]
+        chosen_row, chosen_column = linear_sum_assignment(matrix, maximize=True)
+        is_common = matrix[chosen_row, chosen_column] > 0
+        reference[rows[chosen_row[is_common]]] = columns[chosen_column[is_common]]
+    return reference
 
 
 def count_recovery(
@@ -123,48 +137,3 @@ def recovery_scores(counts: RecoveryCounts) -> dict[str, Any]:
         "Recovered": counts.recovered,
         "HardRecovered": counts.hard_recovered,
     }
-
-
-def _tally(answers: Answers) -> tuple[np.ndarray, ...]:
-    """Object, label, common frames, sum of overlaps and first frame of each pair that occurs."""
-    _, index = number_ids(answers.gt_id)
-    said = np.flatnonzero(answers.label != NO_LABEL)
-    said = said[np.argsort(answers.frame[said], kind="stable")]
-    num_labels = max(1, len(answers.label_class))
-    found, member = number_ids(index[said] * num_labels + answers.label[said])
-    count = np.bincount(member, minlength=len(found))
-    overlap = np.bincount(member, answers.similarity[said], len(found))
-    first = np.zeros(len(found), np.int64)
-    first[member[::-1]] = answers.frame[said[::-1]]
-    return found // num_labels, found % num_labels, count, overlap, first
-
-
-def _majority_reference(answers: Answers) -> Int[np.ndarray, "objects"]:
-    owner, label, count, overlap, first = _tally(answers)
-    order = np.lexsort((label, first, -overlap.round(_SUM_DECIMALS), -count, owner))
-    reference = np.full(len(answers.objects), NO_LABEL)
-    found, best = np.unique(owner[order], return_index=True)
-    reference[found] = label[order][best]
-    return reference
-
-
-def _one_to_one_reference(answers: Answers) -> Int[np.ndarray, "objects"]:
-    owner, label, count, overlap, _ = _tally(answers)
-    objects, index = number_ids(answers.gt_id)
-    object_class = np.zeros(len(objects), np.int64)
-    object_class[index[::-1]] = answers.gt_class[::-1]
-    weight = _FRAME_WEIGHT * count + overlap
-    reference = np.full(len(objects), NO_LABEL)
-    for class_id in np.unique(object_class):
-        fits = np.isin(answers.label_class[label], [class_id, ANY_CLASS])
-        here = fits & (object_class[owner] == class_id)
-        if not here.any():
-            continue
-        rows, row = np.unique(owner[here], return_inverse=True)
-        columns, column = np.unique(label[here], return_inverse=True)
-        matrix = np.zeros((len(rows), len(columns)))
-        matrix[row, column] = weight[here]
-        chosen_row, chosen_column = linear_sum_assignment(matrix, maximize=True)
-        is_common = matrix[chosen_row, chosen_column] > 0
-        reference[rows[chosen_row[is_common]]] = columns[chosen_column[is_common]]
-    return reference

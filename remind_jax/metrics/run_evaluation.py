@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from remind_jax.decision import NO_ID
 from remind_jax.errors import RemindError, SourceError, nearest_names
@@ -22,7 +22,7 @@ from remind_jax.metrics.collapse import collapse_frame, keep_unique_labels
 from remind_jax.metrics.decisions import NO_ROW, Decisions
 from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
 from remind_jax.metrics.matching import match_detections
-from remind_jax.metrics.pairing import PairedScene, break_down, pair_scene
+from remind_jax.metrics.pairing import PairedScene, pair_scene
 from remind_jax.metrics.run_folder import number_detections
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.uncertainty import UncertaintyCounts, count_uncertainty
@@ -82,15 +82,13 @@ def evaluate_tracks(
     """
     check_undecided(undecided)
     frames = list(tracks)
-    paired, area_share = pair_with_instances(frames, name)
     return evaluate_pair(
-        paired,
+        pair_with_instances(frames, name),
         frames,
         undecided=undecided,
         by_class=by_class,
         by_object=by_object,
         min_absence_frames=min_absence_frames,
-        area_share=area_share,
     )[0]
 
 
@@ -118,7 +116,6 @@ def evaluate_pair(
     by_class: bool = False,
     by_object: bool = False,
     min_absence_frames: int = 1,
-    area_share: Float[np.ndarray, "N"] | None = None,
 ) -> tuple[Evaluation, tuple[str, ...]]:
     """Scores a paired scene; also notes about what was left out."""
     firm = None if tracks is None else Labels.create(tracks, "strict")
@@ -131,13 +128,11 @@ def evaluate_pair(
             None if firm is None or firm is chosen else firm.apply(numbered),
         )
 
-    truth = paired.truth
     sequence, firm_sequence = relabel(paired.sequence)
     evaluation = evaluate_sequence(
         sequence,
         firm=firm_sequence,
         uncertainty=None if tracks is None else _judge(paired.sequence, tracks),
-        breakdowns=break_down(sequence, truth, area_share),
         num_repeated=0 if chosen is None else chosen.num_repeated,
         min_absence_frames=min_absence_frames,
         by_object=by_object,
@@ -159,10 +154,8 @@ def check_undecided(undecided: str) -> None:
         raise RemindError(f"undecided is '{undecided}'; {hint}")
 
 
-def pair_with_instances(
-    tracks: Sequence[Tracks], name: str
-) -> tuple[PairedScene, Float[np.ndarray, "N"]]:
-    """Numbered detections and the instances that they are, and which share of the frame these are.
+def pair_with_instances(tracks: Sequence[Tracks], name: str) -> PairedScene:
+    """Numbered detections and the instances that they are.
 
     Raises:
       SourceError: If there are no instances, or frames are not in order.
@@ -176,17 +169,16 @@ def pair_with_instances(
     class_names = sorted({label for frame in tracks for label in frame.labels}) or ["object"]
     place = {label: index for index, label in enumerate(class_names)}
     empty = np.zeros(0, np.int64)
-    columns = [(empty, empty, empty, np.zeros(0), np.zeros((0, 4)))] + [
+    columns = [(empty, empty, empty, np.zeros((0, 4)))] + [
         (
             np.full(len(frame), frame.frame_index),
             np.asarray(frame.instance_ids, np.int64),
             np.array([place[label] for label in frame.labels], np.int64),
-            np.asarray(frame.areas) / max(1, int(np.prod(frame.frame_size))),
             np.asarray(frame.boxes, float),
         )
         for frame in tracks
     ]
-    frame, instance, class_id, share, boxes = (
+    frame, instance, class_id, boxes = (
         np.concatenate(column) for column in zip(*columns, strict=True)
     )
     is_object = instance != NO_INSTANCE
@@ -211,7 +203,7 @@ def pair_with_instances(
         class_names=class_names,
         name=name,
     )
-    return PairedScene(sequence, truth, detections), share[is_object]
+    return PairedScene(sequence, truth, detections)
 
 
 def _judge(sequence: TrackingSequence, tracks: Sequence[Tracks]) -> UncertaintyCounts:

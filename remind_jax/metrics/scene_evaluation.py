@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
-
-from remind_jax.formats.mot import (
-    SIZE_UNKNOWN,
-    fit_texts,
-    read_frame_size,
-    share_of_frame,
-)
+from remind_jax.formats.mot import fit_texts
 from remind_jax.metrics.evaluation import (
     Evaluation,
     Intervals,
@@ -81,20 +72,9 @@ class SetEvaluation(SceneScores):
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": ...}`, with `scenes` where there are several, `failed` and `notes`."""
         content: dict[str, Any] = {"metrics": without_nan(self.scores())}
-        pooled = self.pooled
-        if pooled.breakdowns:
-            content["breakdowns"] = {
-                name: {
-                    "bins": list(b.bins),
-                    "observations": b.observations.tolist(),
-                    "IDF1": [None if math.isnan(v) else v for v in b.idf1.tolist()],
-                }
-                for name, b in pooled.breakdowns.items()
-            }
-        if pooled.by_class:
-            content["classes"] = {
-                label: without_nan(e.scores()) for label, e in pooled.by_class.items()
-            }
+        by_class = self.pooled.by_class
+        if by_class:
+            content["classes"] = {label: without_nan(e.scores()) for label, e in by_class.items()}
         if len(self.scenes) > 1:
             content["scenes"] = {e.name: without_nan(e.scores()) for e in self.scenes}
         return content | self.notes_json()
@@ -141,10 +121,6 @@ class ReadPair:
 
     paired: PairedScene
     tracks: Sequence[Tracks] | None  # of a run, whose detections are numbered in `paired`
-    area_share: (
-        Float[np.ndarray, "N"] | None
-    )  # of the frame, of each row of truth, where it is read
-    notes: tuple[str, ...]
     has_classes: bool  # classes may be scored apart
 
 
@@ -159,24 +135,16 @@ def read_pair(stream: SceneStream, scene: str, predicted: str, options: SceneOpt
     if predictions.format == "run":
         tracks = read_tracks(predictions.files[predicted])
         paired = pair_scene(rows, number_detections(tracks, rows.name))
-        return ReadPair(paired, tracks, None, (), True)
+        return ReadPair(paired, tracks, True)
     if truth.format not in TEXT_FORMATS or truth.format != predictions.format:
-        return ReadPair(pair_scene(rows, predictions.read[predicted]()), None, None, (), True)
+        return ReadPair(pair_scene(rows, predictions.read[predicted]()), None, True)
     texts = fit_texts(
         rows,
         predictions.read[predicted](),
         num_frames=options.num_frames,
         class_id=options.class_id,
     )
-    paired = pair_scene(*texts)
-    area_share, notes = None, ()
-    if truth.format == "mot":
-        frame_size = read_frame_size(truth.files[scene])
-        if frame_size is None:
-            notes = (SIZE_UNKNOWN,)
-        else:
-            area_share = share_of_frame(paired.truth.boxes, frame_size)
-    return ReadPair(paired, None, area_share, notes, False)
+    return ReadPair(pair_scene(*texts), None, False)
 
 
 def _score_scene(
@@ -191,9 +159,8 @@ def _score_scene(
         by_class=options.by_class and read.has_classes,
         by_object=options.by_object,
         min_absence_frames=options.min_absence_frames,
-        area_share=read.area_share,
     )
-    return dataclasses.replace(evaluation, name=scene), [*left_out, *read.notes]
+    return dataclasses.replace(evaluation, name=scene), list(left_out)
 
 
 def _doubt_truth(evaluation: Evaluation) -> list[str]:

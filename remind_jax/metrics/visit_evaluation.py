@@ -250,9 +250,7 @@ def evaluate_run_visits(
     """
     check_undecided(undecided)
     visits = {
-        visit: Labels.create(tracks, undecided).apply(
-            pair_with_instances(tracks, visit)[0].sequence
-        )
+        visit: Labels.create(tracks, undecided).apply(pair_with_instances(tracks, visit).sequence)
         for visit, tracks in runs.items()
     }
     return _evaluate(name, visits, ())

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
-from remind_jax.errors import RemindError, SourceError
-from remind_jax.metrics import SceneOptions, evaluate
+from remind_jax.errors import SourceError
+from remind_jax.metrics import evaluate
 from remind_jax.metrics.opening import open_scenes
 from tests.formats import scenes as made
 from tests.formats.scenes import ANSWERS, TRUTH
@@ -98,129 +94,3 @@ def test_one_scene_matches_one_scene_whatever_their_names(tmp_path: Path):
     evaluation = evaluate(truth / "one", tmp_path / "out.txt")
     assert evaluation.name == "out"
     assert evaluation.scores()["IDTP"] == 6
-
-
-def test_breakdowns_come_from_the_truth(tmp_path: Path):
-    truth = made.write_davis(tmp_path / "truth", TRUTH)
-    prediction = made.write_maps(tmp_path / "prediction", ANSWERS)
-    breakdowns = evaluate(truth, prediction).pooled.breakdowns
-    assert set(breakdowns) == {"visible", "size", "distractors", "class"}
-    by_class = breakdowns["class"]
-    counts = dict(zip(by_class.bins, by_class.observations.tolist(), strict=True))
-    assert counts == {"cup": 7, "box": 3}
-    assert dict(zip(by_class.bins, by_class.right.tolist(), strict=True)) == {"cup": 6, "box": 3}
-    assert breakdowns["distractors"].observations.tolist() == [4, 6, 0, 0, 0, 0, 0]
-    assert breakdowns["size"].observations.sum() == 10
-
-
-def test_every_class_apart(tmp_path: Path):
-    truth = made.write_davis(tmp_path / "truth", TRUTH)
-    prediction = made.write_json(tmp_path / "p.json", made.coco_video(TRUTH))
-    content = evaluate(truth, prediction, options=SceneOptions(by_class=True)).to_json()
-    assert {c: scores["GT_Dets"] for c, scores in content["classes"].items()} == {
-        "cup": 7,
-        "box": 3,
-    }
-
-
-def test_void_is_not_evaluated(tmp_path: Path):
-    root = made.write_maps(tmp_path / "truth", {"one": ["11...."]})
-    labels = made.label_maps(["11...."])[0].astype(np.uint8)
-    labels[:, 3:] = 255
-    cv2.imwrite(str(root / "one" / "00000.png"), labels)
-    prediction = made.write_maps(tmp_path / "prediction", {"one": ["77.88."]})
-    scores = evaluate(root, prediction).scores()
-    assert (scores["GT_Dets"], scores["Dets"], scores["CLR_FP"]) == (1, 1, 0)
-
-
-def test_masks_of_another_scale_are_fitted(tmp_path: Path):
-    truth = made.write_maps(tmp_path / "truth", {"one": TRUTH["one"]})
-    folder = tmp_path / "large" / "one"
-    folder.mkdir(parents=True)
-    for frame, labels in enumerate(made.label_maps(TRUTH["one"])):
-        large = np.kron(labels, np.ones((3, 3), int)).astype(np.uint8)
-        cv2.imwrite(str(folder / f"{frame:05d}.png"), large)
-    assert evaluate(truth, tmp_path / "large").scores()["LocA"] == 1.0
-    for frame in range(4):
-        cv2.imwrite(str(folder / f"{frame:05d}.png"), np.ones((30, 6), np.uint8))
-    with pytest.raises(SourceError, match="aspect ratios differ"):
-        evaluate(truth, tmp_path / "large")
-
-
-def test_failed_scenes_are_counted(tmp_path: Path):
-    truth = made.write_maps(tmp_path / "truth", TRUTH)
-    prediction = made.write_texts(
-        tmp_path / "prediction", {"one": made.mot_text(ANSWERS["one"]), "two": "1,1,0,0,x,1\n"}
-    )
-    evaluation = evaluate(truth, prediction, format="mot")
-    assert list(evaluation.failed) == ["two"]
-    assert "two.txt" in evaluation.failed["two"]
-    assert (evaluation.scores()["Scenes"], evaluation.scores()["FailedScenes"]) == (2, 1)
-    (prediction / "two.txt").unlink()
-    (prediction / "three.txt").write_text(made.mot_text(ANSWERS["two"]))
-    evaluation = evaluate(truth, prediction)
-    assert evaluation.failed == {"two": "there is no prediction of this scene"}
-    assert evaluation.notes == ("1 predicted scenes are not in the truth: three",)
-    assert json.loads(json.dumps(evaluation.to_json()))["failed"] == evaluation.failed
-    (prediction / "one.txt").write_text("nothing")
-    with pytest.raises(SourceError, match="none of 2 scenes could be scored; 'one'"):
-        evaluate(truth, prediction, format="mot")
-
-
-def test_other_json_is_refused(tmp_path: Path):
-    federated = made.coco_video(TRUTH)
-    federated["videos"][0]["neg_category_ids"] = [1]
-    for content in (
-        {"a": 1},
-        [{"image_id": 1}],
-        3,
-        {"annotations": [{"segmentations": []}], "videos": [{"name": "a"}]},
-        {"videos": [{"id": 1, "length": 10**9}]},
-        {"videos": [{"id": 1, "name": "x" * 20_000}]},
-        federated,
-    ):
-        path = made.write_json(tmp_path / "x.json", content)
-        with pytest.raises(SourceError, match=r"x\.json"):
-            open_scenes(path)
-
-
-def test_bad_annotations_are_refused(tmp_path: Path):
-    for change in (
-        {"segmentations": [{"size": [4, 6]}]},
-        {"segmentations": [{"size": [4, 10**6], "counts": ""}]},
-        {"segmentations": [{"size": [4, 6], "counts": "\u00e9"}]},
-        {"segmentations": [[[1e9, 1, 2, 2, 3, 3]]]},
-        {"bboxes": [[1, 2, 3]], "segmentations": None},
-        {"bboxes": [[1, 2, 3, 1e300]], "segmentations": None},
-        {"segmentations": [{"size": [4, 6], "counts": "zz"}]},
-        {"segmentations": [{"size": [4, 6], "counts": [3, 4]}]},
-        {"segmentations": [[[1, 1, 2]]]},
-        {"segmentations": [None] * 5},
-        {"segmentations": None},
-        {"id": "x"},
-    ):
-        content = made.coco_video({"one": TRUTH["one"]})
-        content["annotations"][1] |= change
-        path = made.write_json(tmp_path / "x.json", content)
-        with pytest.raises(SourceError, match=r"x\.json.*row 2"):
-            open_scenes(path).read["one"]()
-
-
-@pytest.mark.parametrize("name", ["pipe", "pipe.json", "pipe.xml", "pipe.zip", "pipe.txt"])
-def test_a_pipe_is_not_waited_for(tmp_path: Path, name: str):
-    os.mkfifo(tmp_path / name)
-    with pytest.raises(SourceError, match="it is a pipe, a device or a socket"):
-        open_scenes(tmp_path / name)
-
-
-def test_bad_places_are_refused(tmp_path: Path):
-    with pytest.raises(SourceError, match="No such file"):
-        open_scenes(tmp_path / "absent")
-    with pytest.raises(SourceError, match="holds no tracks in a known format"):
-        open_scenes(tmp_path)
-    (tmp_path / "broken.json").write_text("{")
-    with pytest.raises(SourceError, match="truncated"):
-        open_scenes(tmp_path / "broken.json")
-    undecided: Any = "later"
-    with pytest.raises(RemindError, match="undecided is 'later'; allowed: collapse, strict"):
-        evaluate(tmp_path, tmp_path, options=SceneOptions(undecided=undecided))

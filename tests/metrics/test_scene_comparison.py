@@ -6,7 +6,6 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.errors import RemindError
-from remind_jax.formats.mot import SIZE_UNKNOWN
 from remind_jax.metrics.scene_comparison import name_predictions
 from tests.formats import scenes as made
 from tests.formats.scenes import ANSWERS, TRUTH
@@ -46,12 +45,3 @@ def test_predictions_are_named_by_what_tells_them_apart():
         name_predictions(["a.txt", "a.txt"])
     with pytest.raises(RemindError, match="no prediction to compare"):
         name_predictions([])
-
-
-def test_a_note_on_all_is_told_once(tmp_path: Path):
-    write = {name: made.mot_text(rows) for name, rows in ANSWERS.items()}
-    truth = made.write_texts(tmp_path / "truth", write)
-    rows = rj.compare(truth, {"a": truth, "b": truth}, num_resamples=0).legend
-    assert [sentence for sentence in rows if "frame size is unknown" in sentence] == [
-        f"All: one, two: {SIZE_UNKNOWN}."
-    ]
