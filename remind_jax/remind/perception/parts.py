@@ -1,6 +1,7 @@
 """Parts of a detection: clusters of its patches, and what attention holds together.
 
-Rule: method.md#k-means-parts. Letters: `N` detections, `P` patches, `K` clusters, `D` dimensions.
+Rules: method.md#k-means-parts, method.md#attention-parts.
+Letters: `N` detections, `P` patches, `K` clusters, `D` dimensions.
 """
 
 from __future__ import annotations
