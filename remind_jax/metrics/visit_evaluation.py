@@ -1,4 +1,4 @@
-"""Scores several recordings of one place, tracked with one memory, as one (evaluation.md#visits)."""
+"""Scores recordings of one place, tracked with one memory, as one (evaluation.md#visits)."""
 
 from __future__ import annotations
 

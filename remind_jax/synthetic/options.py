@@ -54,8 +54,6 @@ class SceneOptions:
     )
     returns: int = setting(1, "how often the camera comes back to the first room", least=1)
     fps: float = setting(5.0, "frames per second", least=0.01, most=1000)
-    pause_s: float = setting(180.0, "unrecorded time in the middle of each absence", least=0)
-    horizontal_fov_deg: float = setting(70.0, "field of view of the camera", least=20, most=120)
     shake: float = setting(1.0, "factor on the hand shake", least=0, most=20)
     # `tour`: through the rooms and back; `still`: stands in the first room; `pan`: turns there.
     camera: str = "tour"
@@ -63,18 +61,12 @@ class SceneOptions:
     light_drop: float = setting(
         0.1, "lamp level after the drop, relative to before; 1: no drop", least=0.001, most=1
     )
-    light_ramp_frames: int = setting(5, "frames that the fall of the lamps takes", least=1)
     window_level: float = setting(
         0.2, "light of the windows, relative to lamps at full level", least=0, most=2
     )
     width: int = setting(640, "pixels", least=32, most=4096)
     height: int = setting(480, "pixels", least=32, most=4096)
     noise: float = setting(2.0, "gray levels at normal gain", least=0, most=50)
-    motion_blur: float = setting(0.15, "share of the frame interval", least=0, most=1)
-    vignetting: float = setting(0.3, "loss of light in the corners", least=0, most=0.9)
-    exposure_lag: float = setting(
-        0.75, "0: exposure follows at once, towards 1: never", least=0, most=0.99
-    )
     min_mask_px: int = setting(100, "instances with fewer visible pixels are left out", least=1)
     # Changes in the first room while the camera is away, as shares of its objects.
     moved: float = setting(0.0, "share of the objects", least=0, most=1)

@@ -47,6 +47,9 @@ _WINDOW_COLOR = np.array([0.86, 0.97, 1.14], np.float32)
 _KEY = 0.3  # mean linear brightness that the exposure aims at
 _COMPENSATION = 0.3  # 1: a dark room would end up as bright as a lit one
 _GAIN_LIMITS = (0.35, 3.5)
+_SHUTTER = 0.15  # share of the frame interval during which it is open
+_VIGNETTING = 0.3  # loss of light in the corners
+_EXPOSURE_LAG = 0.75  # 0: exposure follows at once, towards 1: never
 _LENS_BLUR_PX = 0.62  # at 640 pixels width
 _NOISE_POOL = 3
 
@@ -106,15 +109,7 @@ def make_scene(options: SceneOptions) -> Scene:
         objects = change_objects(objects, places, options, frame, streams[4])
     if options.roaming:
         objects = set_roaming(objects, path, options.roaming, streams[5])
-    sensor = Sensor(
-        options.width,
-        options.height,
-        options.noise,
-        options.motion_blur,
-        options.vignetting,
-        options.exposure_lag,
-        options.min_mask_px,
-    )
+    sensor = Sensor(options.width, options.height, options.noise, options.min_mask_px)
     return Scene(options.name, options.seed, rooms, furniture, tuple(objects), path, light, sensor)
 
 
@@ -295,7 +290,7 @@ class Developer:
         height, width = sensor.height_px, sensor.width_px
         y, x = np.mgrid[0:height, 0:width].astype(np.float32)
         radius2 = ((x / width - 0.5) ** 2 + (y / height - 0.5) ** 2) * 2
-        self._vignette = (1 - sensor.vignetting * radius2**1.2).astype(np.float32)[..., None]
+        self._vignette = (1 - _VIGNETTING * radius2**1.2).astype(np.float32)[..., None]
         # Noise is cut from a few large sheets: fresh draws would double the time of a frame.
         rng = np.random.default_rng([seed, 5])
         shape = (_NOISE_POOL, height + 64, width + 64, 3)
@@ -334,8 +329,8 @@ class Developer:
         wanted = float(np.clip(wanted, *_GAIN_LIMITS))
         if last_gain is None:
             return wanted
-        lag = self._sensor.exposure_lag
-        return float(np.exp(lag * np.log(last_gain) + (1 - lag) * np.log(wanted)))
+        kept = _EXPOSURE_LAG * np.log(last_gain)
+        return float(np.exp(kept + (1 - _EXPOSURE_LAG) * np.log(wanted)))
 
     def _blur(
         self, picture: np.ndarray, motion_px: tuple[float, float], slow_shutter: bool
@@ -343,7 +338,7 @@ class Developer:
         """Lens blur, and a smear along the motion; a camera opens longer in the dark."""
         lens_px = _LENS_BLUR_PX * max(self._sensor.width_px / 640, 0.5)
         picture = cv2.GaussianBlur(picture, (3, 3), lens_px)
-        share = self._sensor.motion_blur * (1.5 if slow_shutter else 1.0)
+        share = _SHUTTER * (1.5 if slow_shutter else 1.0)
         smear = np.array(motion_px) * share
         length = float(np.hypot(*smear))
         if length < 1.0:

@@ -142,20 +142,22 @@ class CameraPath:
     away: tuple[tuple[int, int], ...]  # [first, last + 1) processed frames outside the first room
 
 
+LIGHT_RAMP_FRAMES = 5  # that the fall of the lamps takes
+
+
 @dataclasses.dataclass(frozen=True)
 class Light:
     """How bright lamps and windows are over time."""
 
     drop_frame: int | None  # source frame at which the lamps start to go down; None: never
     drop_factor: float  # lamp level afterwards, relative to before
-    ramp_frames: int  # frames that the fall takes
     window_level: float  # constant, relative to a lamp at full level
 
     def lamp_level(self, source_frame: int) -> float:
         """Lamp level in a frame, 1 before the drop."""
         if self.drop_frame is None or source_frame < self.drop_frame:
             return 1.0
-        fallen = min((source_frame - self.drop_frame + 1) / max(self.ramp_frames, 1), 1.0)
+        fallen = min((source_frame - self.drop_frame + 1) / LIGHT_RAMP_FRAMES, 1.0)
         return self.drop_factor**fallen
 
 
@@ -166,9 +168,6 @@ class Sensor:
     width_px: int
     height_px: int
     noise: float  # standard deviation in gray levels at normal gain
-    motion_blur: float  # share of the frame interval during which the shutter is open
-    vignetting: float  # loss of light in the corners, 0 to 1
-    exposure_lag: float  # 0: exposure follows at once, towards 1: never
     min_mask_px: int  # instances with fewer visible pixels are left out of the frame
 
 

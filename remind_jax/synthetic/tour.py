@@ -8,9 +8,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from remind_jax.synthetic.floor_plan import DOOR_Y_M, ROOM_WIDTH_M, room_offset_m
 from remind_jax.synthetic.options import SceneOptions
-from remind_jax.synthetic.scene import CameraPath, Light, Pose
+from remind_jax.synthetic.scene import LIGHT_RAMP_FRAMES, CameraPath, Light, Pose
 
 _EYE_M = 1.38
+_FIELD_OF_VIEW_DEG = 70.0  # from side to side
+_PAUSE_S = 180.0  # not recorded, in the middle of each absence
 _DEG_PER_M = 20.0  # walking a meter takes as many frames as turning by this angle
 _SHAKE_DEG = 0.22
 _SHAKE_M = 0.004
@@ -70,7 +72,7 @@ def plan_path(options: SceneOptions, rng: np.random.Generator) -> tuple[CameraPa
     away = [span for index, span in enumerate(source_spans) if index % 2 == 1]
     time_s = np.arange(num_source) / options.fps
     for start, end in away:
-        time_s[(start + end) // 2 :] += options.pause_s
+        time_s[(start + end) // 2 :] += _PAUSE_S
     poses = tuple(
         Pose(
             (float(x), float(y), float(z)),
@@ -84,7 +86,7 @@ def plan_path(options: SceneOptions, rng: np.random.Generator) -> tuple[CameraPa
         for frame in kept
         for x, y, z, yaw, pitch in (views[frame],)
     )
-    fov_rad = float(np.radians(options.horizontal_fov_deg))
+    fov_rad = float(np.radians(_FIELD_OF_VIEW_DEG))
     gone = tuple(
         (int(np.searchsorted(kept, start)), int(np.searchsorted(kept, end))) for start, end in away
     )
@@ -95,8 +97,8 @@ def _plan_light(options: SceneOptions, away: list[tuple[int, int]]) -> Light:
     drop_frame = None
     if away and options.light_drop < 1:
         start, end = away[-1]
-        drop_frame = max(start, end - max(options.light_ramp_frames, (end - start) // 4))
-    return Light(drop_frame, options.light_drop, options.light_ramp_frames, options.window_level)
+        drop_frame = max(start, end - max(LIGHT_RAMP_FRAMES, (end - start) // 4))
+    return Light(drop_frame, options.light_drop, options.window_level)
 
 
 def _divide_frames(options: SceneOptions) -> list[tuple[int, int]]:
