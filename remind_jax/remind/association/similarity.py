@@ -2,9 +2,9 @@
 
 Rules: method.md#channel-scores, method.md#visual-score.
 
-Channels are compared with the prototype banks, collapsed to four terms, and the terms averaged by
-weights that carry the quality of the observation. An absent value is not zero: presence travels
-beside every score. Letters: `N` detections, `O` objects, `A C R` channels, `S` slots, `T` terms.
+Scores of channels are collapsed to four terms, and the terms averaged by weights that carry the
+quality of the observation. An absent value is not zero: presence travels beside every score.
+Letters: `N` detections, `O` objects, `A C R` channels, `T` terms.
 """
 
 from __future__ import annotations
@@ -19,13 +19,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.columns import columns
-from remind_jax.numerics.control_flow import repeat
-from remind_jax.numerics.pooling import dot
 from remind_jax.numerics.rounding import divide
-from remind_jax.numerics.slices import spread_over_batch, take_slice
 from remind_jax.observation import Descriptors
+from remind_jax.remind.association.channel_scores import ChannelScores, Score, compare_channels
 from remind_jax.remind.association.quality import Quality
-from remind_jax.remind.memory.prototypes import Bank, confidence, mean_quality
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds.association import Similarity
 from remind_jax.static import Static
@@ -34,35 +31,8 @@ OBJECT, BACKGROUND, PARTS = 0, 1, 2
 RING_PROTOTYPES = 3  # only with `static.ring_prototypes`
 NUM_TERMS = 3
 _SUMMED = (OBJECT, BACKGROUND, RING_PROTOTYPES, PARTS)  # in this order, as in the original
-_SLOTS_AT_ONCE = 4
 _NO_WEIGHT = 1e-12  # at most
 Rule = Literal["work", "stable", "prefer_stable", "max"]
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Score:
-    """Values in [0, 1] with their presence."""
-
-    value: Float[Array, "..."]  # 0 where absent
-    present: Bool[Array, "..."]
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class ChannelScores:
-    """Every channel against the work and the stable bank."""
-
-    object_work: Score  # [A N O]
-    object_stable: Score
-    authority_work: Float[Array, "A N O"]  # how proven the winning prototype is, [0, 1]
-    authority_stable: Float[Array, "A N O"]
-    rings_work: Score  # [R N O]
-    rings_stable: Score
-    parts_work: Score  # [C N O]
-    parts_stable: Score
-    prototypes_work: Score | None = None  # [R N O], of the rings
-    prototypes_stable: Score | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -182,136 +152,6 @@ def count_terms(comparison: Comparison) -> Int[Array, "N"]:
     is_best = best[:, None] == jnp.arange(comparison.candidate.shape[1])
     present = comparison.auto.present & comparison.candidate & is_best
     return jnp.sum(present, axis=(0, 2), dtype=jnp.int32)
-
-
-def compare_channels(
-    state: TrackerState,
-    descriptors: Descriptors,
-    static: Static,
-    background: Bool[Array, ""],
-    promote_hits: Int[Array, ""],
-) -> ChannelScores:
-    """Compares every channel with its two banks (method.md#channel-scores)."""
-    vectors = jnp.concatenate([descriptors.appearance, descriptors.rings], axis=1)
-    seen = [descriptors.appearance_valid, descriptors.rings_valid & background]
-    wholes, proven = _best_of_bank(
-        state.wholes, jnp.swapaxes(vectors, 0, 1), jnp.concatenate(seen, axis=1).T, promote_hits
-    )
-    parts, parts_seen = (
-        jnp.swapaxes(leaf, 0, 1) for leaf in (descriptors.parts, descriptors.parts_valid)
-    )
-
-    def both(score: Score) -> tuple[Score, Score]:
-        """Against the work and against the stable bank."""
-        work, stable = (Score(*sides) for sides in zip(score.value, score.present, strict=True))
-        return work, _absent(stable) if static.switches.banks_read == "work" else stable
-
-    rings = descriptors.appearance.shape[1]
-    object_work, object_stable = both(jax.tree.map(lambda leaf: leaf[:, :rings], wholes))
-    rings_work, rings_stable = both(jax.tree.map(lambda leaf: leaf[:, rings:], wholes))
-    authority_work, authority_stable = proven[:, :rings]
-    parts_work, parts_stable = both(
-        _best_parts(state.parts, parts, parts_seen, static.switches.part_top)
-    )
-    prototypes: tuple[Score | None, Score | None] = None, None
-    if descriptors.ring_prototypes is not None and state.ring_prototypes is not None:
-        patches = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), descriptors.ring_prototypes)
-        known, top = patches.valid & background, static.switches.ring_prototype_top
-        prototypes = both(_best_parts(state.ring_prototypes, patches.vector, known, top))
-    return ChannelScores(
-        object_work,
-        object_stable,
-        authority_work,
-        authority_stable,
-        rings_work,
-        rings_stable,
-        parts_work,
-        parts_stable,
-        *prototypes,
-    )
-
-
-def _absent(score: Score) -> Score:
-    return jax.tree.map(jnp.zeros_like, score)
-
-
-def _best_of_bank(
-    bank: Bank,
-    vectors: Float[Array, "C N D"],
-    seen: Bool[Array, "C N"],
-    promote_hits: Int[Array, ""],
-) -> tuple[Score, Float[Array, "... C N O"]]:
-    """Best cosine per object, clamped at 0, and the authority of the winner.
-
-    Rule: method.md#channel-scores.
-    """
-    best, winner = _find_nearest(bank, vectors)
-    present = seen[..., None] & (best > -1.0)
-    quality = jnp.clip(jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)
-    authority = jnp.clip(jnp.sqrt(quality * confidence(bank, promote_hits)), 0.0, 1.0)
-    won = jnp.take_along_axis(authority[..., None, :, :], winner[..., None], axis=-1)[..., 0]
-    return Score(jnp.where(present, jnp.maximum(best, 0.0), 0.0), present), won
-
-
-def _best_parts(
-    bank: Bank, parts: Float[Array, "C N K D"], seen: Bool[Array, "C N K"], top: int
-) -> Score:
-    """Mean over the `top` best matching parts of a detection (method.md#channel-scores)."""
-    channels, num, clusters, dim = parts.shape
-    best, _ = _find_nearest(bank, parts.reshape(channels, num * clusters, dim))
-    best = best.reshape(*best.shape[:-2], num, clusters, best.shape[-1])
-    best = jnp.where(seen[..., None], jnp.maximum(best, 0.0), -1.0)
-    ranked = _sort_falling([best[..., part, :] for part in range(clusters)])[:top]
-    total, count = jnp.zeros_like(best[..., 0, :]), jnp.int32(0)
-    for one in ranked:
-        total, count = total + jnp.where(one >= 0.0, one, 0.0), count + (one >= 0.0)
-    present = (count > 0) & (bank.size > 0)[..., None, :]
-    mean = total / jnp.maximum(count, 1)
-    return Score(jnp.where(present, mean, 0.0), present)
-
-
-def _find_nearest(
-    bank: Bank, vectors: Float[Array, "C V D"]
-) -> tuple[Float[Array, "... C V O"], Int[Array, "... C V O"]]:
-    """Cosine and slot of each object's prototype that is nearest to each vector of its channel.
-
-    The first among equals; -inf for an empty bank. Reading prototypes takes most of a step, and
-    most slots are free: they are read a few at a time, as far as the fullest bank reaches.
-    """
-    *leading, objects, slots, dim = bank.embedding.shape
-    width = min(_SLOTS_AT_ONCE, slots)
-    shape = (*leading, vectors.shape[1], objects)
-    # Of both banks, or the prototypes would be copied to stand side by side.
-    vectors = jnp.broadcast_to(vectors, (*leading, *vectors.shape[1:]))
-
-    def read_some(found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        turn, best, winner = found
-        # The last turn may reach back to slots that are done; they do not win a second time.
-        first = jnp.minimum(turn * width, slots - width)
-        some = take_slice(bank.embedding, first, width, bank.embedding.ndim - 2)
-        some = some.reshape(*leading, objects * width, dim)
-        cosine = dot(*spread_over_batch(vectors, some))
-        cosine = cosine.reshape(*shape, width)
-        for offset in range(width):
-            slot = first + offset
-            wins = (slot < bank.size)[..., None, :] & (cosine[..., offset] > best)
-            best = jnp.where(wins, cosine[..., offset], best)
-            winner = jnp.where(wins, slot, winner)
-        return turn + 1, best, winner
-
-    nothing = (jnp.full(shape, -jnp.inf, jnp.float32), jnp.zeros(shape, jnp.int32))
-    turns = jax.lax.div(jnp.max(bank.size) + width - 1, jnp.int32(width))
-    _, best, winner = repeat(lambda found: found[0] < turns, read_some, (jnp.int32(0), *nothing))
-    return best.astype(bank.quality_sum.dtype), winner
-
-
-def _sort_falling(values: list[Array]) -> list[Array]:
-    """Sorts a few arrays elementwise, far faster than `jnp.sort` along a short axis."""
-    for end in range(len(values) - 1, 0, -1):
-        for at in range(end):
-            pair = values[at], values[at + 1]
-            values[at], values[at + 1] = jnp.maximum(*pair), jnp.minimum(*pair)
-    return values
 
 
 def collapse(

@@ -19,10 +19,11 @@ import pytest
 from remind_jax.decision import Decisions
 from remind_jax.remind.association import similarity
 from remind_jax.remind.association.assignment import Assignment, associate
+from remind_jax.remind.association.channel_scores import ChannelScores, Score
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
 from remind_jax.remind.association.gating import read_context
 from remind_jax.remind.association.quality import Quality
-from remind_jax.remind.association.similarity import ChannelScores, Comparison, Score
+from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.context.influence import no_influence
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.memory.objects import Lifecycle

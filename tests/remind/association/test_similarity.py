@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.remind.association import similarity
+from remind_jax.remind.association import channel_scores, similarity
+from remind_jax.remind.association.channel_scores import ChannelScores, Score
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import (
     AUTO,
@@ -19,9 +20,7 @@ from remind_jax.remind.association.similarity import (
     PARTS,
     STABLE,
     WORK,
-    ChannelScores,
     Comparison,
-    Score,
     Terms,
 )
 from remind_jax.remind.memory.prototypes import Bank, empty_bank
@@ -179,7 +178,7 @@ X, Y, Z = np.eye(3, dtype=np.float32)
 
 
 def best_of(made: Bank, vector: np.ndarray, seen: bool = True) -> tuple[float, bool, float]:
-    found, won = similarity._best_of_bank(
+    found, won = channel_scores._best_of_bank(
         made, jnp.asarray(vector)[None, None], jnp.array([[seen]]), jnp.int32(5)
     )
     return float(found.value[0, 0, 0]), bool(found.present[0, 0, 0]), float(won[0, 0, 0])
@@ -227,7 +226,7 @@ def test_parts_are_a_mean_over_the_best(x64):
         vectors = np.zeros((1, 1, 4, 3), np.float32)
         vectors[0, 0, : len(parts)] = parts or 0.0
         seen = jnp.arange(4)[None, None] < len(parts)
-        found = similarity._best_parts(made, jnp.asarray(vectors), seen, top)
+        found = channel_scores._best_parts(made, jnp.asarray(vectors), seen, top)
         return float(found.value[0, 0, 0]), bool(found.present[0, 0, 0])
 
     assert mean(X, lean) == (pytest.approx(0.8), True)
