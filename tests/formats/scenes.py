@@ -71,6 +71,39 @@ def mots_text(rows: list[str], first_frame: int = 1) -> str:
     )
 
 
+def coco_video(scenes: dict[str, list[str]], part: str = "segmentations") -> dict[str, Any]:
+    """COCO-video JSON with masks or boxes."""
+    names = sorted(set(CLASSES.values()))
+    videos, annotations = [], []
+    for video_id, (scene, rows) in enumerate(scenes.items(), 1):
+        files = [f"{scene}/{frame:05d}.jpg" for frame in range(len(rows))]
+        size = {"height": HEIGHT, "width": len(rows[0]), "length": len(rows)}
+        videos.append({"id": video_id, "name": scene, "file_names": files, **size})
+        tracks: dict[int, list[Any]] = {}
+        for frame, number, code, box in rows_of(rows):
+            entries = tracks.setdefault(number, [None] * len(rows))
+            entries[frame] = code if part == "segmentations" else box
+        annotations += [
+            {
+                "id": number,
+                "video_id": video_id,
+                "category_id": names.index(CLASSES.get(number, "cup")) + 1,
+                part: entries,
+            }
+            for number, entries in tracks.items()
+        ]
+    categories = [{"id": i + 1, "name": name} for i, name in enumerate(names)]
+    return {"videos": videos, "annotations": annotations, "categories": categories}
+
+
+def coco_results(scenes: dict[str, list[str]]) -> list[dict[str, Any]]:
+    """The list of results that YouTube-VIS asks for; it has no ids."""
+    return [
+        {k: v for k, v in annotation.items() if k not in ("id", "category_id")} | {"score": 0.9}
+        for annotation in coco_video(scenes)["annotations"]
+    ]
+
+
 def write_json(path: Path, content: Any) -> Path:
     path.write_text(json.dumps(content))
     return path
