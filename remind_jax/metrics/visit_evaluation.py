@@ -236,7 +236,7 @@ def evaluate_visits(
         if read.tracks is not None:
             sequence = Labels.create(read.tracks, options.undecided).apply(sequence)
         visits.append(sequence)
-        notes += [f"{scene}: {note}" for note in (*read.paired.notes, *read.notes)]
+        notes += [f"{scene}: {note}" for note in read.paired.notes]
     return _evaluate(stream.name, dict(zip(sorted(stream.partner), visits, strict=True)), notes)
 
 

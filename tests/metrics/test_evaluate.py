@@ -150,9 +150,9 @@ def test_files(kind: str, format: Any, is_named: bool):
 
 
 def test_unknown_formats_are_refused():
-    unknown: Any = "coco"
+    unknown: Any = "coco-vid"
     with pytest.raises(
         RemindError,
-        match="format is 'coco'; did you mean 'coco-video'",
+        match="format is 'coco-vid'; did you mean 'coco-video'",
     ):
         evaluate("gt", "pred", format=unknown)
