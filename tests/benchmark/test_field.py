@@ -132,7 +132,8 @@ def test_ours_answer_the_quick_form(tmp_path, monkeypatch, capsys):
     assert field.main() == 0
     result = json.loads((tmp_path / "field.json").read_text())
     overall = {row["contender"]: row for row in result["rows"] if row["varied"] == "all"}
-    assert set(overall) == {"REMIND plus (default)", "REMIND", "bank of 12 + Hungarian"}
+    bank = "bank of 12 + Hungarian, closeups"
+    assert set(overall) == {"REMIND plus (default)", "REMIND", bank}
     for row in overall.values():
         assert row["recovery"] > 40
         assert row["hard"] <= row["recovery"]
