@@ -209,7 +209,8 @@ def main() -> None:
         if not given.clips_only:
             data["tours"] = measure_tours(given.repeats)
         if given.clips is not None:
-            data |= measure_clips(given)
+            found = measure_clips(given)
+            data |= found | {"clips": data["clips"] | found["clips"]}
         DATA.write_text(json.dumps(data, indent=1) + "\n")
     tables = tables_of(data)
     for page in PAGES:
