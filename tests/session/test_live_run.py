@@ -116,7 +116,7 @@ def test_a_recorded_run_is_repeated_with_equal_identities(tmp_path):
         result = run(camera, sampling={"max_frames": 8}, record=tmp_path / "seen")
     again = rj.run(tmp_path / "seen", detector=cameras.detect, delay=0, **OPTIONS)
     rows = tmp_path / "seen" / "detections.jsonl"
-    by_masks = rj.run(tmp_path / "seen", masks=rows, **OPTIONS)
+    by_masks = rj.run(tmp_path / "seen", masks=rows, delay=0, **OPTIONS)
     assert is_same(result, again)
     assert is_same(result, by_masks)
 
