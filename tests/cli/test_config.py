@@ -92,6 +92,7 @@ def test_diff_across_trackers_compares_what_both_have(command):
     }
     assert outcome.stdout.splitlines() == [
         "tracker: 'plus' -> 'remind'",
+        "input.double_overlap: 0.5 -> 0.0",
         "static.num_detections: 32 -> 16",
         "static.num_objects: 128 -> 64",
         "backbone_profile: False -> True",
