@@ -96,7 +96,7 @@ class FramePreparer:
             **gaps,
         )
         is_double = find_doubles(
-            detections.masks, detections.labels, detections.scores, options.double_overlap
+            Crops.of(detections.masks), detections.labels, detections.scores, options.double_overlap
         )
         reduced = dataclasses.replace(reduced, valid=reduced.valid & ~is_double)
         image = None if frame.image is None else alignment.align_image(frame.image)

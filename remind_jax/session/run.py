@@ -168,7 +168,8 @@ def run(
     waiting = 2 * after if after > 1 else 0
     checkpoints = None if folder is None else Checkpoints(folder)
     delay = _choose_delay(delay, tracking, frames)
-    delayed = tracking.method.host.delayed(delay) if delay else None
+    revise = tracking.method.host.delayed
+    delayed = revise(delay) if revise is not None and delay else None
     loop = FrameLoop(tracking, frames, found_by, delayed, waiting, checkpoints)
     with contextlib.ExitStack() as stack:
         if live is not False:
