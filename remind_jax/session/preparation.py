@@ -75,15 +75,10 @@ class FramePreparer:
         if self._method.needs.gap_options is not None:
             gaps = self._method.needs.gap_options(config.thresholds)
         masks = alignment.align_masks(detections.masks)
+        classes = (ANY_CLASS,) * len(detections) if options.class_agnostic else detections.labels
         reduced = reduce_masks(
             masks,
-            np.array(
-                [
-                    self._class_id(ANY_CLASS if options.class_agnostic else name)
-                    for name in detections.labels
-                ],
-                np.int32,
-            ),
+            np.array([self._class_id(name) for name in classes], np.int32),
             detections.scores,
             num_slots=len(detections),
             patch_px=self._patch_px_of(frame),
@@ -96,7 +91,7 @@ class FramePreparer:
             **gaps,
         )
         is_double = find_doubles(
-            Crops.of(detections.masks), detections.labels, detections.scores, options.double_overlap
+            Crops.of(detections.masks), classes, detections.scores, options.double_overlap
         )
         reduced = dataclasses.replace(reduced, valid=reduced.valid & ~is_double)
         image = None if frame.image is None else alignment.align_image(frame.image)

@@ -69,6 +69,18 @@ def test_second_detections_of_one_thing_are_no_detections_unless_kept():
     assert kept.masks.valid.tolist() == [True, True]
 
 
+def test_without_classes_second_detections_may_have_any_name():
+    frame = frame_of("cup", "mug")
+    masks = np.array(frame.detections.masks)
+    masks[1] = masks[0]
+    doubled = dataclasses.replace(
+        frame, detections=Detections.create(masks, ["cup", "mug"], [0.4, 0.9])
+    )
+    blind = CONFIG.updated({"input.class_agnostic": True})
+    assert preparer().prepare(doubled, CONFIG).is_double.tolist() == [False, False]
+    assert preparer().prepare(doubled, blind).is_double.tolist() == [True, False]
+
+
 def test_the_previous_image_is_observed_by_methods_that_observe(monkeypatch):
     seen = []
     plus = get_method("plus")
