@@ -94,7 +94,7 @@ def note_omissions(
         omitted.append(Event(index, "features", message))
     if doubles := int(np.sum(prepared.is_double)):
         message = (
-            f"{plural(doubles, 'detection')} left out that overlap a better one of the same class; "
+            f"left out as overlapping a better one of the class: {plural(doubles, 'detection')}; "
             "see input.double_overlap"
         )
         omitted.append(Event(index, "double", message))

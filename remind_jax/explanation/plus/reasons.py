@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from remind_jax.decision import Outcome
+from remind_jax.decision import Outcome, Reason
 from remind_jax.explanation.plus.explanation import PlusCandidate, PlusExplanation
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Stage
@@ -21,7 +21,11 @@ def give_reasons(e: PlusExplanation, t: PlusThresholds) -> tuple[str, ...]:
 def _explain(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     """The same without capital and full stop."""
     if e.stage == Stage.NONE:
-        yield "it shows too little of anything to be described and is left out"
+        yield (
+            "a better detection of the same class overlaps it, so it is left out"
+            if e.reason == Reason.DOUBLE
+            else "it shows too little of anything to be described and is left out"
+        )
         return
     if e.stage == Stage.SETTLED:
         yield (
