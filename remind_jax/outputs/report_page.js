@@ -233,7 +233,7 @@ function drawEvidence(explained) {
     who.held_by === null ? "" : `detection ${who.held_by} got it`));
   rows.push(line(explained.tracklet_id, `${explained.label} ${explained.tracklet_id}, new`, kinds.map(() => 0),
     explained.new_log_odds, explained.new_probability, ""));
-  const named = kinds.map((kind) => kind[0].toUpperCase() + kind.slice(1));
+  const named = kinds.map((kind) => kind[0].toUpperCase() + kind.slice(1).replaceAll("_", " "));
   const titles = ["Candidate", ...named, "Sum", "Probability", ""];
   const heads = titles.map((text, column) =>
     make("th", column && column < titles.length - 1 ? { class: "number" } : {}, text));

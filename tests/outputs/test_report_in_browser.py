@@ -340,7 +340,9 @@ def test_a_click_on_a_detection_explains_it(traced_page, traced):
     rows = traced_page.find_elements("css selector", "#why table")[0].text.splitlines()
     assert rows[1].startswith("mug 0 confirmed 0.80 × 0.60")
     assert rows[2].startswith("mug 1 confirmed 0.79 × 0.60")
-    assert "ambiguous track 0: 1 detection since frame 17" in find(traced_page, "#why-body").text
+    assert "Of 2 objects of class mug it looks most like mug 0" in (
+        find(traced_page, "#why-body").text
+    )
     assert traced_page.execute_script("return document.activeElement.id") == "why"
     find(traced_page, "#why-close").click()
     assert is_closed(traced_page)
@@ -356,11 +358,11 @@ def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
     assert find(browser, "#why-title").text == "Why mug 0? (frame 3, detection 0)"
     assert shown_reasons(browser) == list(result.explain(3, 0).why)
     rows = find(browser, "#why table").text.splitlines()
-    kinds = "Looks Background Place Mobile Rivals Held Layout Companions Moved"
+    kinds = "Looks Background Place Class name Mobile Rivals Held Layout Companions Moved"
     assert rows[0] == f"Candidate {kinds} Sum Probability"
-    assert rows[1] == "mug 0 +1.50 – – – – – +0.75 – – +2.25 0.75"
-    assert rows[2] == "mug 1 +1.25 – -2.00 – – – – – – -0.75 0.13"
-    assert rows[3] == "mug 5, new – – – – – – – – – +0.50 0.13"
+    assert rows[1] == "mug 0 +1.50 – – – – – – +0.75 – – +2.25 0.75"
+    assert rows[2] == "mug 1 +1.25 – -2.00 – – – – – – – -0.75 0.13"
+    assert rows[3] == "mug 5, new – – – – – – – – – – +0.50 0.13"
     assert [cell.text for cell in browser.find_elements("css selector", "#why mark")] == [
         "+1.50",
         "+1.25",
