@@ -18,7 +18,7 @@ from remind_jax.remind.association.gating import ContextVerdict, Pairs, gate_pai
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.stages import Lock
 from remind_jax.remind.thresholds.association import Matching
-from remind_jax.solvers.assignment import assign
+from remind_jax.solvers.assignment_in_graph import assign_in_graph
 from remind_jax.solvers.greedy import assign_greedily
 from remind_jax.static import Static
 
@@ -49,7 +49,7 @@ def associate(
       evidence: Diagnosis of the visual scores.
       context: What context says of pairs and objects.
       class_id: Class of each detection.
-      static: Choice of solver.
+      static: With the rule of assignment.
       t: Thresholds.
     """
     candidate, score = comparison.candidate, comparison.score
@@ -71,9 +71,7 @@ def associate(
     if static.switches.assignment == "greedy":
         column = assign_greedily(pairs.score_assign, allowed, dummy, t.dummies)
     else:
-        column = assign(
-            pairs.score_assign, allowed, class_id, dummy, t.dummies, solver=static.solver
-        )
+        column = assign_in_graph(pairs.score_assign, allowed, class_id, dummy, t.dummies)
     final, visual = pick_in_rows(column, pairs.score_final, score)
     accepted = (column != NO_SLOT) & (final >= t.match) & (visual >= t.min_visual)
     solved = jnp.where(accepted, column, NO_SLOT)  # method.md#acceptance

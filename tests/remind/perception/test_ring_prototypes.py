@@ -9,9 +9,9 @@ from remind_jax.remind.perception.description import describe
 from remind_jax.remind.perception.ring_prototypes import find_ring_prototypes
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.perception import RingPrototypes
-from remind_jax.solvers.clustering import cluster_points
 from remind_jax.static import Static
 from tests.golden import load
+from tests.solvers.on_host import cluster_points
 from tests.statics import change_static, make_static
 
 DESCRIBE = jax.jit(describe, static_argnames="static")
@@ -120,7 +120,6 @@ def random_rings(seed, num=12, grid=(12, 14), dim=6):
     return features, rings, weights
 
 
-@pytest.mark.parametrize("solver", ["host", "jax"])
 @pytest.mark.parametrize(
     ("settings", "rules"),
     [
@@ -130,10 +129,10 @@ def random_rings(seed, num=12, grid=(12, 14), dim=6):
          {"patches_per_cluster": 6.0, "cohesion_power": 0.5, "min_cluster_patches": 2}),
     ],
 )  # fmt: skip
-def test_prototypes_equal_plain_lists(settings, rules, solver):
+def test_prototypes_equal_plain_lists(settings, rules):
     features, rings, weights = random_rings(len(settings))
     t = RingPrototypes(**rules)
-    static = make_static(ring_prototypes=True, solver=solver, **settings)
+    static = make_static(ring_prototypes=True, **settings)
     arrays = Thresholds(ring_prototypes=t).as_arrays(static.scalar).ring_prototypes
     found = FIND(features, rings, weights, static=static, t=arrays)
     vectors, valid = found.vector, found.valid
