@@ -102,9 +102,7 @@ class Crops:
         """A part of a mask, which may reach beyond its box; contiguous.
 
         Args:
-          row: Of the mask.
           rows: From and to which row of the picture; both ends are given.
-          columns: Likewise.
         """
         (left, top), window = self.corners[row], self.windows[row]
         height, width = window.shape
@@ -127,12 +125,6 @@ def require_room(
     num: int, frame_size: Sequence[int], name: str, most: int = MOST_DETECTIONS
 ) -> None:
     """Compares the detections of a frame with how many there may be, and the memory of their masks.
-
-    Args:
-      num: Detections.
-      frame_size: Height and width of the frame in pixels.
-      name: What has them, for the message.
-      most: A tracker may take fewer.
 
     Raises:
       UnreadableFrame: If there are more.
@@ -169,7 +161,6 @@ def cut_runs(
 
     Args:
       runs: Pixels of background, of mask, of background, ... column after column.
-      height: Pixels of a column.
     """
     edges = np.cumsum(runs)
     num = len(runs) // 2

@@ -36,12 +36,7 @@ class ConfigError(RemindError):
 
 
 class OptionError(ConfigError):
-    """An option has a value that makes no sense; its sentence names options in quotes.
-
-    Args:
-      sentence: What is wrong.
-      *names: Options that are named in it.
-    """
+    """An option has a value that makes no sense; its sentence names options in quotes."""
 
     def __init__(self, sentence: str, *names: str) -> None:
         super().__init__(sentence)

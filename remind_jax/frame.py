@@ -291,10 +291,6 @@ def as_masks(values: Any) -> Bool[np.ndarray, "N H W"]:
 def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"]:
     """Masks of boxes (left, top, right, bottom in pixels), cut off at the frame's border.
 
-    Args:
-      boxes: Numbers `[N, 4]`, in any form of array.
-      frame_size: Height and width of the frame in pixels.
-
     Raises:
       SourceError: If they are no boxes, or a coordinate is not finite.
       UnreadableFrame: If they are too many, or take more than is meant for a frame.

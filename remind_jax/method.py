@@ -264,8 +264,6 @@ class Method:
         """The memory with the larger capacities of `static`; results do not change.
 
         Args:
-          state: The memory.
-          static: Capacities.
           empty: What `make_empty` gave for them, which is used up; made now if left out.
         """
         # On the host, where reading a column compiles nothing: a frame waits for this.

@@ -37,7 +37,7 @@ BackboneName = Annotated[
         metavar="NAME",
         help="what patch features come from: patch-statistics, which needs no weights; a network, "
         f"whose weights are fetched on first use (see 'remind backbones'): {', '.join(VARIANTS)}; "
-        "vit for whatever --weights holds; onnx:FILE, any ONNX encoder; pluses join several",
+        "vit for whatever --weights holds; onnx:FILE, any ONNX encoder",
     ),
 ]
 

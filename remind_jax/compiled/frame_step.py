@@ -64,12 +64,7 @@ class FrameStep:
     """The step of one method, `describe` and `decide`, compiled for whatever sizes it is given."""
 
     def __init__(self, method: Method, *, traced: bool = False) -> None:
-        """Compiles nothing yet.
-
-        Args:
-          method: A method.
-          traced: Give the trace of the decisions as well.
-        """
+        """Compiles nothing yet."""
         self._method, self._is_traced = method, traced
         self._prepared: dict[Any, _Programs] = {}
 

@@ -28,8 +28,6 @@ class Alignment:
         """Plans the alignment of frames of one size.
 
         Args:
-          frame_size: Height and width of the frame in pixels.
-          patch_px: Side of a patch.
           max_width_px: Wider frames are scaled down to this width.
           center_crop: Crop in the middle, else at the top left.
 

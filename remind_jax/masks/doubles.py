@@ -19,8 +19,6 @@ def find_doubles(
     """Detections that overlap a better one of their class: two masks of one thing.
 
     Args:
-      masks: Pixel masks of the frame.
-      labels: Class of each.
       scores: Detector score of each; of equal ones the first is better.
       least_overlap: Intersection over union from which on two are one thing; 0: none is.
     """

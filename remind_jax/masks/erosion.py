@@ -15,7 +15,6 @@ def erode_masks(
     """Erodes every mask once with a square of `2 * radius_px + 1` pixels.
 
     Args:
-      masks: Pixel masks of the frame.
       radius_px: Pixels that a mask loses on every side; 0 leaves the masks as they are.
       margin_px: What lies farther outside the box around a mask, or outside the image, counts as
         inside the mask: with the radius as margin, only the border of the image does not erode,

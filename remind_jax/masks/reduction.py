@@ -42,9 +42,6 @@ def reduce_masks(
     An empty mask, or one that erosion leaves empty, gives an invalid slot: it is no detection.
 
     Args:
-      masks: Pixel masks of the frame.
-      class_ids: Class of each mask.
-      scores: Detector score of each mask.
       num_slots: Slots of the result, at least the number of masks.
       patch_px: Side of a patch in pixels; pixels beyond the last whole patch do not count.
       sanitize: How concave masks are filled before the background around them is looked at

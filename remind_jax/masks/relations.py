@@ -37,7 +37,6 @@ def relate_masks(
     in the 3x3 chamfer metric of OpenCV (0.955 per straight, 1.3693 per diagonal step).
 
     Args:
-      masks: Pixel masks of the frame.
       boxes: Tight boxes of the masks: left, top, right, bottom, right and bottom excluded; rows
         beyond the masks are not read.
       areas: Pixels of the masks, likewise; empty masks have no exact gap.
@@ -168,7 +167,6 @@ def find_row_ends(
     Args:
       mask: The box around a mask, or all of the frame.
       left: Where it lies in the frame, in pixels.
-      top: Likewise.
     """
     first = mask.argmax(axis=1)
     last = mask.shape[1] - 1 - mask[:, ::-1].argmax(axis=1)

@@ -69,7 +69,6 @@ def encode_polygon(corners: Float[np.ndarray, "P 2"], frame_size: tuple[int, int
 
     Args:
       corners: Column and row in pixels, finite; a polygon has three or more.
-      frame_size: Height and width in pixels.
     """
     height, width = frame_size
     # Corners far outside of the frame change nothing inside but take time and memory.

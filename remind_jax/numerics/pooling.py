@@ -30,7 +30,6 @@ def pool(
 
     Args:
       weights: Weight of each patch, 0 outside the region.
-      features: Patch features.
 
     Returns:
       The weighted mean (zero for an empty region) and whether the region holds any weight.
@@ -61,9 +60,7 @@ def keep_typical(
     """Picks the patches of each object that are most like its mean (method.md#object-descriptors).
 
     Args:
-      features: Patch features.
       mean: Weighted mean feature of each object, not normalized.
-      members: Patches of each object.
       share: Share of the patches to keep; outside (0, 1] all are kept.
       min_patches: Objects with fewer patches keep all.
 

@@ -33,20 +33,7 @@ def decide(
     settlement: Settlement,
     static: Static,
 ) -> tuple[Decisions, Stages]:
-    """Writes down the decisions; memory fills in the ids of new objects and pending tracks.
-
-    Args:
-      objects: Objects known before the frame.
-      masks: Detections of the frame.
-      descriptors: Which of them are usable.
-      table: Scores and gates of all pairs.
-      anchors: Pairs that are clear beyond doubt.
-      evidence: Diagnosis of the visual scores.
-      final: Diagnosis of the final scores of eligible pairs.
-      assignment: Result of the joint assignment.
-      settlement: Verdicts after all guards.
-      static: Number of candidates shown.
-    """
+    """Writes down the decisions; memory fills in the ids of new objects and pending tracks."""
     outcome, reason, score = _verdicts(settlement)
     usable = descriptors.valid
     given = jnp.where(masks.valid, Outcome.DROPPED, Outcome.EMPTY)

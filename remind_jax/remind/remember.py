@@ -67,17 +67,8 @@ def remember(
     If new objects or pending tracks do not fit, nothing is written but `overflow`.
 
     Args:
-      state: Memory before the frame.
       decisions: Outcomes; ids of new objects and of pending tracks are filled in here.
-      stages: What they were made in.
-      settlement: Slots and reserved ids behind the decisions.
       birth_support: Slots of known objects that speak for a new detection, -1 padding.
-      pending_score: Visual score of detections with pending tracks, `[N, P]`.
-      descriptors: What the detections look like.
-      masks: Where they are.
-      relations: How they lie to each other.
-      static: Capacities and policies.
-      t: Thresholds.
     """
     slots, num_pending = static.num_objects, static.num_pending
     now = state.frame

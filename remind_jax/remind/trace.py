@@ -144,13 +144,7 @@ class Intermediates:
 
 
 def collect_trace(intermediates: Intermediates, static: Static, t: Thresholds) -> Trace:
-    """Picks what explains the decisions of a frame.
-
-    Args:
-      intermediates: Intermediate results of the step.
-      static: Number of candidates shown.
-      t: Thresholds as arrays.
-    """
+    """Picks what explains the decisions of a frame."""
     d, influence = intermediates, intermediates.reasoning.influence
     return Trace(
         stages=d.stages,

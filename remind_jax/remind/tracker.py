@@ -54,12 +54,6 @@ def decide(
 ) -> tuple[TrackerState, Trace]:
     """Decides who is who in one frame and remembers it.
 
-    Args:
-      state: Memory before the frame, from `init` or an earlier step.
-      seen: Its detections.
-      static: Capacities and structural switches; those that `state` was made with.
-      thresholds: Every tunable number.
-
     Returns:
       Memory after the frame with `decisions` about it, and what they were made of. If the frame
       needs more object slots than there are, only `overflow` is changed.

@@ -84,11 +84,7 @@ class Announcements:
         return object_id >= self.known_below and object_id not in self.ids
 
     def among(self, object_ids: Collection[int]) -> Announcements:
-        """Without the counts of what memory has no more: a number that was let go never comes back.
-
-        Args:
-          object_ids: Of what memory has.
-        """
+        """Without counts of what memory lost: a number that was let go never comes back."""
         counts = {one: count for one, count in self.counts.items() if one in object_ids}
         return dataclasses.replace(self, counts=counts)
 
@@ -170,8 +166,6 @@ def announce(
     """What is announced when a frame was decided.
 
     Args:
-      so_far: Before the frame.
-      tracks: As decided.
       after: Detections after which an object is announced; a frame counts once.
       merges: Objects that turned out to be others in this frame, beside those.
     """

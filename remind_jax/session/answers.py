@@ -43,8 +43,6 @@ def read_tracks(prepared: Prepared, outlines: Outlines, decisions: Decisions) ->
     """Joins what was decided and what was seen.
 
     Args:
-      prepared: The frame, and the detections that were decided about.
-      outlines: Of the same detections.
       decisions: Host arrays; slots behind the detections are left out.
     """
     frame, detections, is_double = prepared.frame, prepared.detections, prepared.is_double

@@ -105,9 +105,7 @@ class Checkpoints:
         """Touches nothing yet.
 
         Args:
-          run_folder: Folder of the run.
           every_s: Seconds between checkpoints; `EVERY_S` if left out.
-          clock: Seconds, from any time on.
         """
         self.run_folder, self.folder = run_folder, run_folder / CHECKPOINT_NAME
         self._every_s, self._clock = EVERY_S if every_s is None else every_s, clock
@@ -141,11 +139,6 @@ class Checkpoints:
         self, header: Header, tracker: Tracker, trace: TraceArchive | None
     ) -> list[tuple[Tracks, Step]]:
         """Takes the tracker to where the last checkpoint was; gives the frames until then.
-
-        Args:
-          header: What `find` gave.
-          tracker: As it was when the run began.
-          trace: Gets the records of these frames; None if none are kept.
 
         Raises:
           RemindError: If the checkpoint is damaged.
@@ -186,12 +179,7 @@ class Checkpoints:
         return self._clock() >= self._due and self._num_done > self._num_kept
 
     def save(self, tracker: Tracker, trace: TraceArchive | None) -> None:
-        """Makes a checkpoint of all frames so far, if the memory has seen these and no more.
-
-        Args:
-          tracker: After the last of them.
-          trace: Records of all frames; None if none are kept.
-        """
+        """Makes a checkpoint of all frames so far, if the memory has seen these and no more."""
         begun = self._clock()
         state = tracker.state
         if self._num_done == self._num_kept or state is None:

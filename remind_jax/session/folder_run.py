@@ -46,13 +46,7 @@ def run_into(
     """Tracks all frames, and completes the folder whatever happens; the caller has locked it.
 
     Args:
-      loop: Over the frames.
-      checkpoints: In the folder of the run.
       options: What a run must have in common with one that it goes on with, beside its `RunInfo`.
-      overlay: False leaves out the overlay video.
-      overwrite: Allow a folder with files in it.
-      resume: Go on with the run that is there, if there is one.
-      viewers: Records that get every frame as well.
 
     Raises:
       RemindError: If something about the input or the output is wrong; what was written until then
@@ -126,13 +120,7 @@ def _find_earlier(
 
 
 def describe_run(loop: FrameLoop, frame_size: tuple[int, int], brings_features: bool) -> RunInfo:
-    """What a run is made with, as far as it is known before it starts.
-
-    Args:
-      loop: Before the first frame.
-      frame_size: Height and width of the first frame in pixels.
-      brings_features: Whether frames come with features of their own.
-    """
+    """What a run is made with, as far as it is known before it starts."""
     tracker, source, detector = loop.tracker, loop.source, loop.detector
     # The thresholds that will decide, those made for the backbone among them.
     config = (

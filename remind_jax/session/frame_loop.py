@@ -72,12 +72,8 @@ class FrameLoop:
         """Collects nothing yet.
 
         Args:
-          tracker: Decides.
-          source: What the frames come from.
-          detector: Finds detections in frames that bring none.
           delayed: Revises answers that wait; None if they are given at once.
           num_waiting: Frames that wait for announcements.
-          checkpoints: Keep what is needed to go on after a kill; None if nobody will.
         """
         self._delayed, self._num_waiting = delayed, num_waiting
         self._waiting: deque[tuple[Frame, Tracks]] = deque()  # as decided

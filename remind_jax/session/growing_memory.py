@@ -324,7 +324,6 @@ def most_detections(method: Method, static: Static, feature_dim: int) -> int:
     """How many detections a frame may have, so that no single frame takes much memory.
 
     Args:
-      method: The tracker.
       static: Capacities that were chosen; what there is room for is allowed.
       feature_dim: Width of the features, where `static` does not say it yet.
     """

@@ -40,7 +40,6 @@ def join_memories(
     Args:
       memory: Goes on; its ids stay, its records and objects at rest are changed.
       other: Its objects get ids that are free, its sessions follow those of `memory`.
-      path: Where `other` is from, for errors.
       thresholds: Of the tracker; the published ones if left out.
 
     Raises:

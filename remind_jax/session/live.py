@@ -409,7 +409,6 @@ class Tracker(Printable):
         """Writes the memory to a file; an older one is replaced only by a complete one.
 
         Args:
-          path: The file.
           durably: Return only when it is on the disk, so that it outlives a power cut.
 
         Raises:

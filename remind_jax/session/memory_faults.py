@@ -29,15 +29,7 @@ def find_fault(
     announced: Announcements | None,
     first_id: int,
 ) -> str | None:
-    """What is wrong first, as a phrase; None if nothing is.
-
-    Args:
-      state: The memory, host arrays of the right shapes and types.
-      method: Whose memory it is.
-      class_names: Class names by class id.
-      announced: What was announced of its objects.
-      first_id: Id of the first object.
-    """
+    """What is wrong first, as a phrase; None if nothing is."""
     faults = _find_faults(state, class_names, first_id)
     fault = next(faults, None) or next(_of_announcements(announced, int(state.next_id)), None)
     if fault is None and method.host.find_faults is not None:

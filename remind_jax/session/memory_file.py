@@ -134,8 +134,6 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
     """Writes a memory file; an existing one is replaced only by a complete one.
 
     Args:
-      path: The file.
-      memory: What it will hold.
       durably: Return only when it is on the disk, so that it outlives a power cut.
 
     Returns:
@@ -404,7 +402,6 @@ def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
     """The memory without an object and all that was merged into it; its records lose it as well.
 
     Args:
-      memory: With the object.
       object_id: As announced.
 
     Raises:

@@ -380,11 +380,7 @@ class ObjectRecords:
         return len(self._records)
 
     def keep(self, ids: Collection[int]) -> None:
-        """Lets the records of other objects go, but for those that people named or merged.
-
-        Args:
-          ids: Of objects that memory still has.
-        """
+        """Lets the records of other objects go, but for those that people named or merged."""
         kept = {*ids, *self.names, *self.merged_into, *self.merged_into.values()}
         self._records = {one: record for one, record in self._records.items() if one in kept}
 
@@ -393,11 +389,7 @@ class ObjectRecords:
         self.session += 1
 
     def kept(self, ids: Collection[int]) -> Mapping[int, _Record]:
-        """The records that a memory file keeps, for `to_file`; they are replaced, never changed.
-
-        Args:
-          ids: Of objects that memory still has.
-        """
+        """The records that a memory file keeps, for `to_file`; they are replaced, never changed."""
         return {one: self._records[one] for one in sorted(self._records) if one in ids}
 
     def to_file(

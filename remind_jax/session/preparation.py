@@ -52,9 +52,7 @@ class FramePreparer:
         """Nothing was prepared yet.
 
         Args:
-          method: What the frames are prepared for.
           patch_px: Side of a patch of frames that bring no features of their own.
-          with_closeups: Cut closeups of the detections of these.
         """
         self._method, self._patch_px, self._with_closeups = method, patch_px, with_closeups
         self.class_ids: dict[str, int] = {}

@@ -125,8 +125,6 @@ def follow_run(
     Args:
       progress: A function; False for nothing; None or True for the line on terminals and in
         notebooks.
-      title: Name of the run.
-      num_frames: Frames in all, where known.
 
     Raises:
       OptionError: If `progress` is something else.

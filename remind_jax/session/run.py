@@ -224,9 +224,6 @@ def _check_source(
     """Refuses live sources that nobody finds anything in, or that a run would go on with.
 
     Args:
-      frames: The source, which is told how many detections a frame may have.
-      tracking: Says how many.
-      detector: Finds detections; None if the source brings them.
       resumed: Folder of the run that is gone on with, if one is.
     """
     if isinstance(frames, SampledSource):

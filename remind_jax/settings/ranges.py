@@ -203,7 +203,6 @@ def check_fields(settings: Any, section: str) -> None:
     Args:
       settings: Dataclass whose fields are whole numbers, pairs of them, choices or others; the
         others are not looked at.
-      section: Its name in messages.
 
     Raises:
       ConfigError: For a choice that is not offered, or a count that is none; counts are positive

@@ -90,12 +90,7 @@ def cluster_in_graph(
     than labels.
 
     Args:
-      points: Points shared by all sets.
-      members: Which points belong to each set.
       wanted: Clusters of each set, at most `clusters`; a set never has more than points.
-      clusters: K.
-      iterations: Most rounds of one restart.
-      restarts: Number of restarts.
       seed: Seed of the draws, restarted for every set.
 
     Returns:

@@ -20,10 +20,7 @@ def assign_greedily(
     Among equals the lower row goes first, then the lower column.
 
     Args:
-      scores: Score of each pair.
-      allowed: Pairs that may be assigned.
       dummy: Score below which a row rather stays without a column.
-      dummies: Whether it may.
 
     Returns:
       The column of each row, -1 if it has none.

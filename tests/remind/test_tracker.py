@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from remind_jax.compiled.frame_step import settle_types
-from remind_jax.decision import Decisions, Outcome, Reason
+from remind_jax.decision import Outcome, Reason
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.memory.pending import Kind
 from remind_jax.remind.method import METHOD
@@ -24,7 +24,6 @@ from remind_jax.remind.state import TrackerState, init
 from remind_jax.static import Static
 from tests import tiny_world as world
 from tests.statics import change_static
-from tests.stepping import step_once
 
 CLOSE = 2e-5
 SEED = 2  # a world that brings every kind of decision and fits the capacities
@@ -147,41 +146,6 @@ def test_scenes_and_thresholds_of_a_sweep_are_those_of_a_loop(sweep):
         (a.decisions.outcome != b.decisions.outcome).any()
         for a, b in zip(loop, published, strict=True)
     )
-
-
-@pytest.mark.slow
-def test_capacities_alone_change_nothing(frames, states):
-    padded = world.run(world.pad(frames, LARGER.num_detections), LARGER)
-    for small, large in zip(states, padded, strict=True):
-        assert_same_state(METHOD.enlarge(small, LARGER), large)
-
-
-@pytest.mark.slow
-def test_scan_alone_is_a_loop(frames, states):
-    def advance(state, frame):
-        state = METHOD.step(state, *frame, static=world.STATIC, thresholds=thresholds)
-        return settle_types(state), state
-
-    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
-    empty = settle_types(init(world.STATIC))
-    scanned = jax.jit(lambda *given: jax.lax.scan(advance, *given)[1])(empty, batch(*frames))
-    for t, state in enumerate(states):
-        assert_same_state(state, row(scanned, t))
-
-
-@pytest.mark.slow
-def test_vmap_alone_is_a_loop(frames):
-    others = world.make_frames(len(frames), seed=3)
-    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
-    mapped = jax.jit(
-        jax.vmap(lambda *given: step_once(*given, static=world.STATIC, thresholds=thresholds))
-    )
-    both = settle_types(batch(init(world.STATIC), init(world.STATIC)))
-    loops = [world.run(frames), world.run(others)]
-    for t, pair in enumerate(zip(frames, others, strict=True)):
-        both = mapped(both, *batch(*pair))
-        for n, loop in enumerate(loops):
-            assert_same_state(loop[t], row(both, n))
 
 
 @pytest.mark.slow
@@ -341,31 +305,6 @@ def test_undecided_tracks_alone_overflow_and_change_nothing_else(frames, states)
     )
     assert count_tracks(grown) == world.STATIC.num_pending
     np.testing.assert_array_equal(grown.pending.id[: world.STATIC.num_pending], before.pending.id)
-
-
-@pytest.mark.slow
-def test_thresholds_alone_can_be_swept(frames):
-    """Only swept leaves carry a batch axis."""
-    match = jnp.array([0.6, 0.7, 0.8], world.STATIC.scalar)
-    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
-
-    def track(match: jax.Array) -> Decisions:
-        swept = dataclasses.replace(
-            thresholds, matching=dataclasses.replace(thresholds.matching, match=match)
-        )
-
-        def advance(state, frame):
-            state = METHOD.step(state, *frame, static=world.STATIC, thresholds=swept)
-            return state, state.decisions
-
-        return jax.lax.scan(advance, init(world.STATIC), batch(*frames))[1]
-
-    batched = jax.jit(jax.vmap(track))(match)
-    for n, value in enumerate(match):
-        matching = dataclasses.replace(thresholds.matching, match=value)
-        loop = world.run(frames, thresholds=dataclasses.replace(thresholds, matching=matching))
-        for t, state in enumerate(loop):
-            assert_same(row(batched, n, t), state.decisions)
 
 
 @pytest.mark.slow

@@ -52,13 +52,7 @@ _LAYOUT = {
 
 
 def give_reasons(e: RemindExplanation, options: Sequence[Option], t: Thresholds) -> tuple[str, ...]:
-    """The sentences of an explanation that has none yet.
-
-    Args:
-      e: Everything else about the detection.
-      options: Objects that it could be, if it is undecided.
-      t: What it was judged by.
-    """
+    """The sentences of an explanation that has none yet."""
     if e.reason == Reason.INVALID_INPUT:
         return ("Its mask is empty or has no finite feature, so it was left out.",)
     texts = [

@@ -42,16 +42,7 @@ def associate(
     static: Static,
     t: Matching,
 ) -> Assignment:
-    """Settles clear wins first and assigns the rest jointly, class by class.
-
-    Args:
-      comparison: Visual scores.
-      evidence: Diagnosis of the visual scores.
-      context: What context says of pairs and objects.
-      class_id: Class of each detection.
-      static: With the rule of assignment.
-      t: Thresholds.
-    """
+    """Settles clear wins first and assigns the rest jointly, class by class."""
     candidate, score = comparison.candidate, comparison.score
     num, slots = candidate.shape
     everyone, nothing = jnp.ones(num, bool), jnp.zeros(slots, bool)

@@ -87,15 +87,7 @@ def diagnose(
     margin: Literal["sigmoid", "linear", "linear_relative", "sigmoid_relative"],
     t: Diagnosis,
 ) -> Evidence:
-    """Tells STRONG, AMBIGUOUS and WEAK detections apart and rates the evidence.
-
-    Args:
-      scores: Score of each pair.
-      counted: Pairs that take part.
-      num_terms: Terms present in the visually best candidate of each detection.
-      margin: How the lead of the best candidate enters the confidence.
-      t: Thresholds.
-    """
+    """Tells STRONG, AMBIGUOUS and WEAK detections apart and rates the evidence."""
     _, top, second, count = rank_two(scores, counted)
     some, gap = count > 0, top - second
     near = counted & (scores >= (top - jnp.maximum(0.0, t.close))[:, None])

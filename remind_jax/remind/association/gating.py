@@ -55,13 +55,7 @@ class ContextVerdict:
 def read_context(
     reasoning: Reasoning, influence: InfluenceRules, ambiguous: Ambiguous
 ) -> ContextVerdict:
-    """What context means for pairs and objects.
-
-    Args:
-      reasoning: What the context says.
-      influence: Thresholds of its influence.
-      ambiguous: Thresholds of support that counts (method.md#context-support).
-    """
+    """What context means for pairs and objects (method.md#context-support)."""
     context = reasoning.influence
     some = (context.support > _TINY) | (context.score_sets > _TINY)
     strong = (context.compat_rel >= ambiguous.min_relative_support) & (
@@ -97,13 +91,8 @@ def gate_pairs(
 
     Args:
       pairs: Table to update; rows outside `rows` and scores of closed pairs stay.
-      candidate: Pairs of one class.
-      score: Visual score.
-      context: What context says.
       open_to_context: Detections that context may influence (method.md#context-allowed).
-      rows: Detections still to be assigned.
       used: Objects already taken; they open the whole class to context.
-      t: Thresholds.
     """
     allowed = open_to_context | jnp.any(candidate & used[None], axis=1)
     allowed = allowed & context.rules.enabled

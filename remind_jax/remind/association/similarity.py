@@ -82,15 +82,6 @@ def compare(
     """Scores every detection against every object of its class, and against undecided tracks.
 
     Rule: method.md#candidates.
-
-    Args:
-      state: Memory before the frame.
-      descriptors: What the detections look like.
-      quality: Quality of the observations.
-      static: Which channels and banks count.
-      t: Weights of the terms.
-      background: Whether background is compared at all.
-      promote_hits: Hits that prove an appearance prototype.
     """
     objects = state.objects
     slots = objects.id.shape[0]
@@ -162,10 +153,7 @@ def collapse(
     Rule: method.md#visual-score.
 
     Args:
-      channels: Every channel against both banks.
       ways: For each way, the rule of each term: OBJECT, BACKGROUND, PARTS, RING_PROTOTYPES.
-      static: Which channels count.
-      t: Shares of the rings.
 
     Returns:
       The terms, ways along the first axis.

@@ -79,11 +79,7 @@ def select_children(
     With `diverse`, the best child of each count comes first, the largest count at the front.
 
     Args:
-      score: Of each set after each choice of objects.
       order: Choices of each set as `rank_choices` gives them.
-      allowed: Choices that exist, by detection variant and object variant.
-      set_of: Set of each row.
-      live: Rows in use.
       diverse: Whether every count has its place.
     """
     counts = score.shape[1]
@@ -218,14 +214,7 @@ def expand_by_class(
     """Lets every row make every choice of one class and keeps the best.
 
     Args:
-      beam: What earlier classes led to.
-      classes: The classes in view.
-      step: Which of them to take up.
       scale: What the sets are measured against; all but the number of classes.
-      view: Memory and detections.
-      links: Ties between objects.
-      static: Sizes of the search.
-      t: Thresholds.
     """
     pool, places = classes.pool[step], classes.detections.shape[1]
     most = min(places, pool.shape[0] - 1)  # no more detections than objects are explained

@@ -22,8 +22,6 @@ def by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -
 
     Args:
       function: Takes and gives pytrees with rows along the first axes; treats each row alone.
-      rows: Its arguments.
-      used: Rows in use.
     """
     width = jax.tree.leaves(rows)[0].shape[0]
     length = min(_LENGTH, width)

@@ -77,10 +77,7 @@ def join_links(view: FrameView, num_in_question: Int[Array, ""], static: Static,
     """Joins what two objects remember of each other into one tie (method.md#member-sets).
 
     Args:
-      view: What both remember.
       num_in_question: Objects that any hypothesis of the frame may contain.
-      static: Whether the joint strength is the geometric or the arithmetic mean.
-      t: Thresholds.
     """
     forth, back = view.conditional, view.conditional.T
     joint = jnp.sqrt(forth * back) if static.switches.mutual_links else 0.5 * (forth + back)

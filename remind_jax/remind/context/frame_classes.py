@@ -37,13 +37,7 @@ class FrameClasses:
 
 
 def group_by_class(view: FrameView, static: Static, t: Sets) -> FrameClasses:
-    """Picks the detections and the objects of each class that enter the hypotheses.
-
-    Args:
-      view: Memory and detections.
-      static: How many detections and objects of a class enter.
-      t: Thresholds.
-    """
+    """Picks the detections and the objects of each class that enter the hypotheses."""
     det_class, det_valid = view.det_class, view.det_valid
     num, slots = det_valid.shape[0], view.exists.shape[0]
     same = (det_class[:, None] == det_class[None]) & det_valid[:, None] & det_valid[None]

@@ -67,10 +67,7 @@ def grow_trees(
     the count before, or the one after it.
 
     Args:
-      sets: Sets before the choice.
       ranked: Objects to choose from, best first, none a member yet.
-      largest: Most objects that may be chosen.
-      links: Ties between objects.
     """
     strength = _strengths(ranked, jax.vmap(line_up)(sets, ranked), links)
     edges = jax.vmap(tree_edges)(sets.path)
@@ -126,12 +123,8 @@ def join_chosen(
     """Makes new sets from parent sets and the objects chosen for them.
 
     Args:
-      sets: Sets before the choice.
       parent: The set that each new set grows from.
       chosen: The objects that join it, NO_SLOT behind them.
-      largest: Most objects that join a set.
-      num_sets: How many new sets there are.
-      links: Ties between objects.
     """
 
     def grow(rows: tuple[Array, Array]) -> MemberSet:

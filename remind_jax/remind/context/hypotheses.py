@@ -56,11 +56,6 @@ def no_hypotheses(num: int, slots: int, static: Static) -> Hypotheses:
 def find_hypotheses(view: FrameView, static: Static, t: Sets) -> Hypotheses:
     """Searches the sets of objects that explain the frame best.
 
-    Args:
-      view: Memory and detections.
-      static: Sizes of the search.
-      t: Thresholds.
-
     Returns:
       The hypotheses, best first; equal scores keep the order of the search.
     """

@@ -70,13 +70,7 @@ def no_influence(num_objects: int, scalar: jnp.dtype) -> Influence:
 
 
 def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Influence:
-    """Support, contradiction and the bonus or penalty that follow for each object.
-
-    Args:
-      context: Summary of the frame.
-      exists: Object slots in use.
-      t: Thresholds.
-    """
+    """Support, contradiction and the bonus or penalty that follow for each object."""
     s, c = context.standing, context.classes
     usable = context.global_ok & (context.quality >= t.min_quality) & exists
     ready = (s.kernel >= t.min_kernel) & s.covered

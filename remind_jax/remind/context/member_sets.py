@@ -94,7 +94,6 @@ def reach_members(path: Float[Array, "M M"], link: Float[Array, "M"]) -> Float[A
     """Strength of the best path from a newcomer to each member.
 
     Args:
-      path: Paths between the members.
       link: Link of the newcomer to each of them; what it says of others does not count.
     """
     # The matrix is symmetric: the reduced axis comes first, so that the last one stays whole.
@@ -107,8 +106,6 @@ def extend_paths(
     """Paths once a newcomer has entered.
 
     Args:
-      path: Paths between the members.
-      reach: Best path from the newcomer to each of them, as `reach_members` gives it.
       entry: Position that the newcomer takes, or NO_SLOT.
     """
     reach = jnp.where(jnp.arange(reach.shape[0]) == entry, _OWN, reach)
@@ -127,10 +124,6 @@ def extend_tree(edges: Float[Array, "*#B M"], reach: Float[Array, "*#B M"]) -> F
 
     The newcomer counts as the first of all, so that it adds nothing of its own, and for the others
     as one more that is earlier.
-
-    Args:
-      edges: Those of the members, as `tree_edges` or this function gives them.
-      reach: Best path from the newcomer to each of them, as `reach_members` gives it.
     """
     return jnp.maximum(edges, reach)
 

@@ -57,11 +57,7 @@ def write_menu(
     """The choices of one class.
 
     Args:
-      pool_size: Its objects.
-      num_detections: Its detections.
       most: K.
-      static: How far down the list of objects a replacement may be taken.
-      t: Thresholds.
     """
     return Menu(
         pool_size=pool_size,
@@ -121,11 +117,8 @@ def list_options(
     """Ranks the objects of a class and rates every choice among them (method.md#class-options).
 
     Args:
-      support: Support of each object of the class.
       has_kernel: Sets for which that support comes from other objects.
       pool: Objects of the class, latest first.
-      menu: The choices that exist.
-      t: Thresholds.
     """
     most = menu.info.shape[0] - 1
     scalar = support.dtype

@@ -44,14 +44,7 @@ def reason(
     """Reads the memory of who was seen with whom, before it learns from this frame.
 
     Args:
-      view: Memory up to the last frame, and the detections.
-      candidate: Pairs of one class.
-      score: Visual score of each pair.
-      visual_gate: Least visual score of an object that is plausibly in view.
-      static: Sizes of the search.
-      sets: Thresholds of the hypotheses.
       influence: Thresholds of bonus and penalty; its switch turns everything off.
-      veto: Thresholds of the vetoes.
     """
     num, slots = candidate.shape
 

@@ -102,16 +102,7 @@ def score_sets(
     scale: FrameScale,
     t: Sets,
 ) -> Float[Array, "..."]:
-    """Weighted mean of the terms, scaled by connection and reliability, in [0, 1].
-
-    Args:
-      size: Members, as many as explained detections.
-      cohesion: How well the sets hold together.
-      trust: How well their members are known.
-      tally: How good the choices were.
-      scale: What the frame shows.
-      t: Thresholds.
-    """
+    """Weighted mean of the terms, scaled by connection and reliability, in [0, 1]."""
     once = jnp.maximum(size.astype(tally.info.dtype), 1.0)
     classes = jnp.maximum(scale.num_classes, 1).astype(once.dtype)
     known = jnp.minimum(size, scale.by_size.shape[1] - 1)  # larger sets do not come about

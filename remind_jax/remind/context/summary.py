@@ -77,10 +77,6 @@ def summarize(
 
     Args:
       hypotheses: Best first.
-      view: Memory and detections.
-      static: Sizes of kernels.
-      sets: Thresholds of links and short lists.
-      t: Thresholds of standings and quality.
     """
     exists, of_class = view.exists, view.object_class
     same = (of_class[:, None] == of_class[None]) & exists[:, None] & exists[None]

@@ -46,14 +46,7 @@ def veto_pairs(
     """Rules pairs out, by code of `Veto`.
 
     Args:
-      influence: What the context says about each object.
-      view: Memory and detections.
-      candidate: Pairs of one class.
-      score: Visual score of each pair.
-      visual_gate: Least visual score of an object that is plausibly in view.
       min_link: Least conditional probability of an expected neighbor.
-      static: Length of the list of expected neighbors.
-      t: Thresholds.
     """
     open_to = t.enabled & influence.enabled & influence.has_pack
     open_to = open_to & ~(influence.soft_supported | influence.shortlist | influence.compat_band)

@@ -90,15 +90,8 @@ def find_voters(
     """Decided objects, and objects that an otherwise open detection most likely is.
 
     Args:
-      undecided: Detections with an entry.
-      matched_slot: Object of each detection, -1 none.
       matched_pass: Pass that made the match. Of two detections of one object the later pass lends
         its geometry, then the later detection.
-      object_exists: Slots in use.
-      candidate: Pairs that were compared at all.
-      pairs: Their scores.
-      static: Number of likely objects.
-      t: Thresholds.
     """
     num = matched_slot.shape[0]
     decided = (matched_slot >= 0) & ~undecided
@@ -183,12 +176,8 @@ def rate_anchors(
     Rule: method.md#voter-usefulness.
 
     Args:
-      group: Detections and candidates.
-      voters: Possible anchors.
       edges: From each candidate to each voter, `[U, V]`.
       orders: Of each two candidates as seen from each voter, `[U, U, V]`.
-      relations: Distances between the detections of the frame.
-      t: Thresholds.
     """
     history = _rate_history(edges, orders, t)
     gap = relations.gap[group.detection[:, None], voters.place]

@@ -112,12 +112,7 @@ def score_assignments(
     """Scores every way to give the detections of a group candidates of their own.
 
     Args:
-      group: Detections and candidates.
       vote: How well two candidates fit two detections as an anchor sees it, from `vote_by_pairs`.
-      weight: Weight of that vote.
-      anchors: Who votes.
-      visual: Score of each detection for each candidate.
-      t: Thresholds.
     """
     valid, choice = _enumerate(group)
     size, num = group.allowed.shape
@@ -191,12 +186,8 @@ def vote_by_pairs(
     Indexed by the pair (i, j) of detections, the candidate of i, the candidate of j and the anchor.
 
     Args:
-      group: Detections and candidates.
-      anchors: Who votes.
       edges: From each candidate to each anchor, `[U, A]`.
       orders: Of each two candidates as seen from each anchor, `[U, U, A]`.
-      relations: Distances between the detections of the frame.
-      t: Thresholds.
     """
     first, second = np.triu_indices(group.detection.shape[0], 1)
     seen = relations.distance[group.detection[:, None], anchors.place]  # [G, A]

@@ -98,18 +98,10 @@ def settle_known_sets(
     is matched to another detection already.
 
     Args:
-      undecided: Entries to decide.
-      class_id: Class of each detection, and of all its candidates.
       matched_slot: Current object of each detection, -1 none; that of an entry does not vote.
       matched_pass: Pass that made the match, 0 for the assignment. It only matters where two
         detections have the same object: the later match lends the object its place.
       candidate: Pairs that were compared at all; the others score 0.
-      pairs: Scores of all detections for all objects.
-      object_exists: Slots in use.
-      relations: How the detections of this frame lie to each other.
-      graph: Distances remembered before this frame.
-      static: Limits of groups and anchors.
-      t: Thresholds.
     """
     scalar = pairs.score_known.dtype
 

@@ -129,12 +129,7 @@ def observe_whole(
 
     Args:
       banks: Leading axes `[2 C N]`.
-      vector: Unit descriptors.
       present: False leaves the banks as they are.
-      quality: Observation quality, [0, 1].
-      permit: What the update of each detection may do.
-      now: Frame.
-      channel: How the channels learn.
     """
     unused = jnp.zeros((*present.shape, banks.embedding.shape[-2]), bool)
     return _observe(banks, unused, _Observation(vector, present, quality, permit), now, channel)[0]
@@ -153,11 +148,7 @@ def observe_several(
 
     Args:
       banks: Leading axes `[2 C N]`.
-      vector: Unit descriptors.
       present: False leaves the banks as they are.
-      permit: What the update of each detection may do.
-      now: Frame.
-      channels: How each channel learns.
       patch_merge: For patches of a ring: cosine from which on the closest pair of a stable bank is
         joined.
     """
@@ -304,13 +295,8 @@ def _judge(
     """What the observation means to the two banks.
 
     Args:
-      banks: Those of the object.
-      met: What the observation resembles.
       twins: Cosines of the work prototype, as moved, with those of the stable bank.
       used: Work prototypes that this detection refreshed.
-      seen: The observation.
-      c: How the channel learns.
-      now: Frame.
 
     Returns:
       The edit of each bank; what is to enter one of them, and which; and the work prototypes that

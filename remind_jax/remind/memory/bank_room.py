@@ -53,10 +53,7 @@ def weakest(
     method.md#bank-room; the first among equals.
 
     Args:
-      bank: A full one.
       cosine: Of all pairs, -1 where there is none.
-      closest: The largest one.
-      redundant: Whether redundancy counts.
     """
     alive = live(bank)
     others = jnp.where(jnp.eye(alive.shape[0], dtype=bool), -1.0, cosine)

@@ -31,12 +31,7 @@ GLOBAL, TRIMMED = 0, 1
 
 
 def appearance_quality(patch_sum: Float[Array, "N"], t: Appearance) -> Float[Array, "N 2"]:
-    """Quality of the global and of the trimmed observation, [0, 1].
-
-    Args:
-      patch_sum: Effective patches of each detection.
-      t: Thresholds of the appearance banks.
-    """
+    """Quality of the global and of the trimmed observation, [0, 1]."""
     span = t.patches_full - t.patches_min
     ramp = divide(patch_sum - t.patches_min, jnp.where(span > 0, span, 1.0))
     ramp = jnp.clip(ramp, 0.0, 1.0)

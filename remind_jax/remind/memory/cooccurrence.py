@@ -67,8 +67,6 @@ def gather_sightings(
     Args:
       slot: Object slot of every matched or created detection, out of range for others.
       order: Rises in the order in which the detections were decided.
-      allowed: Detections that may make an episode (method.md#episodes).
-      num_objects: Object slots.
     """
     num = slot.shape[0]
     shows = slot[:, None] == jnp.arange(num_objects)
@@ -119,12 +117,7 @@ def update_cooccurrence(
     Rules: method.md#episodes, method.md#neighbor-order.
 
     Args:
-      graph: Graph before the frame.
-      sightings: Objects of the frame.
       ids: Ids of the objects, which break ties (method.md#set-order).
-      frame: Number of the frame.
-      static: How many neighbors are kept.
-      t: Thresholds.
 
     Returns:
       The graph, and which detections show an object that accepted an episode. Its context is
@@ -274,7 +267,6 @@ def neighbor_rank(
     Counting the edges before each edge is quicker than sorting the rows.
 
     Args:
-      known: Edges.
       falling: Sort keys, the first decides first; the larger comes first.
       order: Last sort key; the smaller comes first.
     """
@@ -310,9 +302,7 @@ def conditional(
     Pairs never seen together have a share, too, and so has an object with itself.
 
     Args:
-      graph: Counts.
       num_objects: Objects in memory, in every lifecycle state.
-      t: Smoothing.
     """
     scalar = graph.weight.dtype
     total = graph.episodes.astype(scalar) + t.smoothing * jnp.maximum(1, num_objects).astype(scalar)
@@ -326,9 +316,7 @@ def reorder_cooccurrence(
     """Moves objects to other slots and forgets those that are gone, by others, too.
 
     Args:
-      graph: Graph by old slots.
       order: Old slot of every new one.
-      alive: New slots in use.
     """
     empty = empty_cooccurrence(order.shape[0], graph.weight.dtype)
 

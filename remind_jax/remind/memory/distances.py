@@ -120,12 +120,8 @@ def update_distances(
     """Collects the relations of a frame and condenses those of objects with an episode.
 
     Args:
-      graph: Memory before the frame.
-      relations: How the detections lie to each other.
-      sightings: Which objects they show.
       accepted: Detections whose object accepted an episode in this frame, with all other visible
         objects as its context (from `update_cooccurrence`).
-      t: Thresholds.
     """
     slots = graph.nearer.shape[0]
     row = jnp.where(t.enabled, sightings.row, slots)
@@ -276,9 +272,7 @@ def reorder_distances(
     """Moves objects to other slots and forgets those that are gone, by others, too.
 
     Args:
-      graph: Graph by old slots.
       order: Old slot of every new one.
-      alive: New slots in use.
     """
     slots = jnp.arange(order.shape[0])
 

@@ -32,12 +32,6 @@ def decided_rank(
 
     Matches come before births; among the matches those of the assignment, class by class as
     the classes appear, locks first (method.md#locks, method.md#outcomes).
-
-    Args:
-      decisions: Outcomes and candidates.
-      stages: Locks, and what the assignment gave.
-      source: What gave each match its object, `stages.MatchOrigin`.
-      class_id: Class of each detection.
     """
     late = (source > MatchOrigin.ASSOCIATION).astype(jnp.int32)
     late = jnp.where(decisions.outcome == Outcome.NEW, 2, late)
@@ -65,16 +59,7 @@ def update_graphs(
     """Notes who was seen with whom (method.md#episodes, method.md#distance-episodes).
 
     Args:
-      cooccurrence: Graph of episodes before the frame.
-      distances: Graph of distances before the frame.
-      now: Frame.
       slot: Object slot of every matched or created detection, out of range for others.
-      order: Rises in the order in which the detections were decided.
-      ids: Ids of the objects, those of the frame included.
-      allowed: Detections that may make an episode.
-      relations: How the detections lie to each other.
-      static: Capacities and policies.
-      t: Thresholds.
     """
     sightings = gather_sightings(slot, order, allowed, static.num_objects)
     cooccurrence, accepted = update_cooccurrence(

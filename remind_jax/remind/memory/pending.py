@@ -198,9 +198,6 @@ def dice(
 
     Args:
       left: Ids, -1 padding.
-      right: Likewise.
-      num_left: How many ids there are.
-      num_right: Likewise.
     """
     shared = (left[:, None, :, None] == right[None, :, None, :]) & (left >= 0)[:, None, :, None]
     common = jnp.sum(shared, axis=(2, 3))

@@ -38,7 +38,6 @@ def find_writers(row: Int[Array, "N"], num_rows: int) -> Writers:
 
     Args:
       row: Row that each detection writes, out of range for none.
-      num_rows: Rows that there are.
     """
     turn = jnp.arange(1, row.shape[0] + 1, dtype=jnp.int32)[:, None]
     last = jnp.max(jnp.where(row[:, None] == jnp.arange(num_rows), turn, 0), axis=0, initial=0)
@@ -60,9 +59,7 @@ def write_rows(memory: T, row: Int[Array, "N"], values: T, axis: int = 0) -> T:
     """Memory with whole rows replaced, one detection after the other.
 
     Args:
-      memory: Arrays with the rows along `axis`.
       row: Row that each detection writes, out of range for none.
-      values: The new rows, with the detections along `axis`.
       axis: Where rows and detections are counted.
     """
     num_rows = jax.tree.leaves(memory)[0].shape[axis]

@@ -54,10 +54,8 @@ def observe_relations(masks: Masks, mask_relations: MaskRelations, t: Rules) -> 
     """Relates every two detections of a frame.
 
     Args:
-      masks: Boxes, centers and areas of the detections.
       mask_relations: Exact gaps of the close pairs; a close pair without one is judged by its
         boxes, at lower quality.
-      t: Thresholds, as arrays of the scalar type.
     """
     scalar = t.scale_min_px.dtype
     box, center = jnp.asarray(masks.box, scalar), jnp.asarray(masks.center, scalar)

@@ -31,11 +31,7 @@ def find_ring_prototypes(
     """Describes each ring by the patches that stand for its largest and most uniform regions.
 
     Args:
-      features: Patch features.
-      rings: Patches of each ring.
       weights: Share of each ring patch that is background.
-      static: Bounds and kinds of clustering.
-      t: Thresholds.
     """
     norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
     found = [

@@ -22,9 +22,7 @@ def find_rings(
     A ring that holds too few patches (at the edge of the frame, between objects) grows outwards.
 
     Args:
-      object_patches: Patches of the sanitized object.
       max_radius: Static bound of every radius, in patches.
-      thresholds: Radii, limits and modes.
 
     Returns:
       The inner and the outer ring; both empty if the object has no patch.

@@ -27,10 +27,7 @@ def find_ambiguous(
     """Finds detections, matched or not, whose candidates are too close to tell apart.
 
     Args:
-      table: Scores and gates of all pairs.
       slot: Matched object of each detection, -1 none.
-      creates: Detections that would found an object.
-      t: Thresholds.
     """
     width = table.plausible.shape[1]
     matched = slot >= 0

@@ -33,13 +33,6 @@ def withdraw_second_claims(
 
     They become ambiguous between that object and their other plausible candidates. Among equals
     the first detection keeps the object.
-
-    Args:
-      table: Scores and gates of all pairs.
-      slot: Matched object of each detection, -1 none.
-      score: Of the match.
-      enabled: Whether anything is withdrawn.
-      most: Largest number of candidates named.
     """
     num, width = table.plausible.shape
     first = jnp.arange(num)
@@ -77,16 +70,7 @@ def find_competitions(
     next_id: Int[Array, ""],
     t: Competition,
 ) -> Rivalry:
-    """Finds new detections that score nearly as a matched detection does on its object.
-
-    Args:
-      table: Scores and gates of all pairs.
-      objects: Objects known before the frame.
-      slot: Matched object of each detection, -1 none.
-      creates: Detections that would found an object.
-      next_id: Next free object id.
-      t: Thresholds.
-    """
+    """Finds new detections that score nearly as a matched detection does on its object."""
     num, width = table.pairs.eligible.shape
     known = table.pairs.score_known
     holds = slot[:, None] == jnp.arange(width)

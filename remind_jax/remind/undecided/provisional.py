@@ -65,17 +65,7 @@ def question_births(
     matching: Matching,
     diagnosis: Diagnosis,
 ) -> Doubts:
-    """Asks of every detection that would found an object whether it could be a known one.
-
-    Args:
-      table: Scores and gates of all pairs.
-      creates: Detections in question.
-      held: Objects that some detection holds.
-      max_candidates: Most candidates of an ambiguous detection.
-      t: Thresholds.
-      matching: Thresholds of a match.
-      diagnosis: Thresholds of the visual diagnosis.
-    """
+    """Asks of every detection that would found an object whether it could be a known one."""
     candidate, plausible = table.comparison.candidate, table.plausible
     visual = table.comparison.score
     supported = table.supported

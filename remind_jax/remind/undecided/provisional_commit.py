@@ -37,8 +37,6 @@ def reserve_ids(
     Args:
       founder: Detections that may found an object although they stay ambiguous.
       parent: Object that each of them competes for, no two for the same.
-      creates: Detections that would found an object, founders included.
-      next_id: Next free object id.
     """
     turn = jnp.sum(founder & (parent < parent[:, None]), axis=1, dtype=jnp.int32)
     others = jnp.sum(creates & ~founder, dtype=jnp.int32)
@@ -87,13 +85,6 @@ def support_births(
 
     Which of equals are named follows the order of the original's set of a class
     (method.md#set-order); without any evidence all are equal.
-
-    Args:
-      score: Known score of each pair.
-      plausible: Pairs that context did not veto.
-      objects: Objects in memory.
-      class_id: Class of each detection.
-      is_new: Detections that found an object.
     """
     by_id, _ = rank(score, plausible)
     (last,) = pick_in_rows(by_id[:, -1], score)
@@ -124,11 +115,7 @@ def claim_origins(
     """Provisional tracks that end because a new object grows out of them (method.md#birth-origins).
 
     Args:
-      tracks: Tracks before the frame.
-      is_new: Detections that found an object.
-      class_id: Class of each detection.
       support_id: Known objects that speak for each, -1 padding.
-      rules: Least overlap of support.
     """
     slots = tracks.kind.shape[0]
     num_named = jnp.sum(tracks.known_id >= 0, axis=1, dtype=jnp.int32)

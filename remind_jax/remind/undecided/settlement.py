@@ -67,17 +67,7 @@ def settle(
     static: Static,
     t: Thresholds,
 ) -> Settlement:
-    """Withdraws what is too close to call, lets layout decide, and asks again of what is new.
-
-    Args:
-      table: Scores and gates of all pairs.
-      assignment: Result of the joint assignment.
-      state: Memory before the frame.
-      descriptors: Detections of the frame.
-      relations: How they lie to each other.
-      static: Number of passes and limits of groups.
-      t: Thresholds.
-    """
+    """Withdraws what is too close to call, lets layout decide, and asks again of what is new."""
     objects, next_id = state.objects, state.next_id
     exists = objects.exists  # looked up here, not in every pass
     stable = stabilize(table, assignment.slot, t.stability)

@@ -59,13 +59,7 @@ class _Components:
 
 
 def stabilize(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabilized:
-    """Withdraws matches that a slightly different score would have swapped.
-
-    Args:
-      table: Scores and gates of all pairs.
-      slot: Matched object of each detection, -1 none.
-      t: Thresholds.
-    """
+    """Withdraws matches that a slightly different score would have swapped."""
     parts = _find_components(table, slot)
     contested = parts.contested & t.enabled
     (first, second), close, gap = _compare_assignments(table, parts, slot, t)

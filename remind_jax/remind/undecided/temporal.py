@@ -124,8 +124,6 @@ def rank(
     """The best members by falling score, at most three.
 
     Args:
-      scores: Score of each pair.
-      members: Pairs to choose from.
       most: How many, at most three; broadcast against the slots.
       later_first: Among equals the larger id first, else the smaller.
 

@@ -1,8 +1,6 @@
 """Sets that grow member by member, against trees and means over all members at once."""
 
 import dataclasses
-import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +20,6 @@ from remind_jax.remind.context.member_sets import (
     line_up,
     link_strengths,
     rate_cohesion,
-    rate_trust,
     reach_members,
     tree_edges,
 )
@@ -113,50 +110,3 @@ def test_cohesion(given_, changed, density, connection):
     """method.md#member-sets."""
     found = cohesion(*given_, **changed)
     np.testing.assert_allclose(found, (density, connection), rtol=0, atol=ROUNDING)
-
-
-def trust_plainly(maturity, t: Any):
-    """method.md#member-sets, over the maturities of the members."""
-    mean = sum(maturity) / len(maturity) if maturity else 0.0
-    floored = [max(1e-12, one) for one in maturity]
-    if not maturity:
-        coherence = 0.0
-    elif len(maturity) == 1:
-        coherence = mean
-    elif abs(t["maturity_mean"]) <= 1e-12:
-        coherence = math.exp(sum(map(math.log, floored)) / len(floored))
-    else:
-        power = t["maturity_mean"]
-        coherence = (sum(one**power for one in floored) / len(floored)) ** (1 / power)
-    if not t["maturity"]:
-        return mean, 1.0
-    power = t["maturity_power"]
-    return mean, min(1.0, coherence) ** power if power > 0 else 1.0
-
-
-_rate_trust = jax.jit(rate_trust)
-
-
-@pytest.mark.parametrize(
-    "changed",
-    [
-        {},
-        {"maturity_mean": 0.0},
-        {"maturity_mean": 2.0},
-        {"maturity_power": 0.0},
-        {"maturity": False},
-    ],
-)
-def test_trust_in_sets(changed):
-    """All sets of five objects, two of which were never seen in company."""
-    maturity = np.array([0.0, 0.221199, 0.776870, 0.0, 0.999])
-    sets = (np.arange(32)[None] >> np.arange(5)[:, None]) % 2 == 1
-    rules = {"maturity_mean": -3.0, "maturity_power": 0.85, "maturity": True, **changed}
-    found = _rate_trust(sets, sets.sum(0).astype(np.int32), maturity, thresholds(sets=changed).sets)
-    for column in range(32):
-        mean, reliability = trust_plainly(maturity[sets[:, column]].tolist(), rules)
-        np.testing.assert_allclose(found.maturity[column], mean, rtol=0, atol=ROUNDING)
-        # Powers of the floored maturity reach 1e36, roots bring them back.
-        np.testing.assert_allclose(
-            found.reliability[column], reliability, rtol=1e-10, atol=ROUNDING
-        )

@@ -4,24 +4,21 @@ Rules: method.md#kernel-support, method.md#class-options.
 """
 
 import functools
-import math
 
 import jax
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, settings
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.context.options import (
     largest_choice,
     list_options,
-    support_by_kernel,
     write_menu,
 )
 from tests.statics import make_static
 
-from .scenes import thresholds, view_of
+from .scenes import thresholds
 
 pytestmark = pytest.mark.usefixtures("x64")
 MOST, POOL = 3, 5  # most detections of a class; most objects of it
@@ -56,66 +53,6 @@ def choices(support, has_kernel, pool, num_detections, most=MOST, static=SMALL):
     return jax.tree.map(lambda leaf: leaf[0], options), menu, largest
 
 
-def list_plainly(support, has_kernel, pool, num_detections):
-    """What the rules say of every choice, by count and object variant."""
-    ranked = sorted(zip(support, pool, strict=True), reverse=True)
-    value = [share for share, _ in ranked]
-    plausible = 0
-    while plausible < len(value) and value[plausible] + 1e-12 >= 0.75 * value[0]:
-        plausible += 1
-    target = min(num_detections, max(1, plausible))
-    total, stability = sum(value), 0.0
-    if has_kernel and total > 1e-12:
-        shares = [share / total for share in value if share > 0]
-        entropy = -sum(share * math.log(share) for share in shares)
-        stability = 1 - min(1.0, entropy / math.log(max(2, len(shares))))
-    rated, exclusivity = {}, {}
-    for count in range(1, min(num_detections, len(pool)) + 1):
-        chosen = [value[:count]]
-        if min(len(pool), max(count, SMALL.switches.option_objects)) > count:
-            chosen.append([*value[: count - 1], value[count]])
-        terms = [sum(v) / count * min(1.0, count / target) for v in chosen]
-        rated[count] = terms
-        best = max(terms)
-        second = max((one for one in terms if one < best - 1e-15), default=0.0)
-        says = best > 1e-12 and (second > 0 or best - second > 1e-12)
-        exclusivity[count] = ((best - second) / best if best > 1e-12 else 0.0, says)
-    return [one for _, one in ranked], target, stability, rated, exclusivity
-
-
-@quick
-@given(
-    st.lists(st.sampled_from([0.0, 0.0625, 0.3, 0.4, 1.0]), min_size=1, max_size=POOL),
-    st.booleans(),
-    st.integers(1, MOST),
-)
-def test_choices_are_rated_by_the_rules(support, has_kernel, num_detections):
-    pool = list(range(len(support) + 3, 3, -1))
-    options, menu, largest = choices(support, has_kernel, pool, num_detections)
-    ranked, target, stability, rated, exclusivity = list_plainly(
-        support, has_kernel, pool, num_detections
-    )
-    places = MOST + 1
-    known = min(places, len(pool))
-    assert options.ranked[:known].tolist() == ranked[:known]
-    assert np.all(options.ranked[known:] == NO_SLOT)
-    assert options.target == target
-    assert largest == min(num_detections, len(pool))
-    assert_close(options.stability, stability)
-    assert not np.any(options.support[0])
-    for count, terms in rated.items():
-        assert_close(options.support[count, : len(terms)], terms)
-        assert_close(options.exclusivity[count], exclusivity[count][0])
-        assert options.exclusive[count] == exclusivity[count][1]
-        ways = math.comb(len(pool), count)
-        assert_close(menu.info[count], 1 / (1 + 0.35 * math.log(ways)))
-    exist = {(0, 0, 0)}
-    for count, terms in rated.items():
-        for moved_det in range(1 + (num_detections > count)):
-            exist |= {(count, moved_det, moved) for moved in range(len(terms))}
-    assert {tuple(choice) for choice in np.argwhere(menu.allowed).tolist()} == exist
-
-
 def test_choices_of_the_page():
     """method.md#example-company, class c1: objects 1 and 2, one detection."""
     support = np.array([0.5 / 8.5, 6.5 / 8.5])
@@ -141,43 +78,3 @@ def test_only_choice_leads_completely():
 def test_equal_support_prefers_late_objects():
     options, *_ = choices([0.4, 0.4, 0.4, 0.5], True, [9, 7, 4, 2], 2)
     assert options.ranked.tolist() == [2, 9, 7, 4]
-
-
-@functools.partial(jax.jit, static_argnames="static")
-def _support(members, anchors, pool, conditional, maturity, t, static):
-    view = view_of(conditional, anchors=anchors)
-    return support_by_kernel(members, pool, view, maturity, static, t)
-
-
-def support_plainly(members, anchors, one, conditional, maturity, kernel_size):
-    """method.md#kernel-support: anchors, then members by rising id; silent ones do not count."""
-    kernel = np.flatnonzero(anchors).tolist()
-    kernel += [member for member in np.flatnonzero(members).tolist() if member not in kernel]
-    kernel = kernel[:kernel_size]
-    told = [conditional[other, one] for other in kernel if conditional[other, one] >= 0.05]
-    if not kernel:
-        return maturity[one], False
-    return (sum(told) / len(told) if told else 0.0), True
-
-
-def test_support_by_the_kernel():
-    generator = np.random.default_rng(0)
-    slots, sets, kernel_size = 7, 40, 3
-    static = make_static(precision="float64", set_kernel=kernel_size)
-    pool = np.array([6, 4, 1, NO_SLOT], np.int32)
-    conditional = generator.choice([0.0, 0.04, 0.05, 0.3, 0.7], (slots, slots))
-    maturity = generator.random(slots)
-    members = generator.random((sets, slots)) < generator.random((sets, 1))
-    members[0] = False
-    for anchors in (np.zeros(slots, bool), np.isin(np.arange(slots), [1, 5])):
-        found, has_kernel = jax.device_get(
-            _support(members, anchors, pool, conditional, maturity, _rules(), static=static)
-        )
-        assert has_kernel[0] == np.any(anchors)
-        for row in range(sets):
-            for place, one in enumerate(pool[:3]):
-                support, known = support_plainly(
-                    members[row], anchors, one, conditional, maturity, kernel_size
-                )
-                assert has_kernel[row] == known
-                assert_close(found[row, place], support)

@@ -3,7 +3,6 @@
 Rules: method.md#hypothesis-summary, method.md#class-summary.
 """
 
-import dataclasses
 import functools
 
 import jax
@@ -11,16 +10,13 @@ import numpy as np
 import pytest
 
 from remind_jax.remind.context.hypotheses import Hypotheses, no_hypotheses
-from remind_jax.remind.context.summary import find_kernels, summarize
-from tests.statics import make_static
+from remind_jax.remind.context.summary import summarize
 
 from .scenes import (
     NUM,
     SLOTS,
     STATIC,
     example,
-    list_scenes,
-    load_expected,
     read_view,
     thresholds,
 )
@@ -37,37 +33,6 @@ def _summarize(hypotheses, scene, t, static):
 
 def summarize_on(hypotheses, scene, **changed):
     return jax.device_get(_summarize(hypotheses, scene, thresholds(**changed), static=STATIC))
-
-
-def expected_of(index: int) -> dict[str, np.ndarray]:
-    return {name: values[index] for name, values in load_expected().items()}
-
-
-def hypotheses_of(expected: dict[str, np.ndarray]) -> Hypotheses:
-    return Hypotheses(
-        score=expected["hyp_score"],
-        members=expected["hyp_members"],
-        detections=expected["hyp_detections"],
-        coverage=expected["coverage"],
-        density=expected["density"],
-        size=expected["hyp_members"].sum(1).astype(np.int32),
-        maturity=expected["maturity"],
-        valid=expected["hyp_valid"],
-    )
-
-
-def test_frozen_scenes_are_summed_up_as_by_the_plain_rules():
-    for index, scene in enumerate(list_scenes()):
-        expected = expected_of(index)
-        found = summarize_on(hypotheses_of(expected), scene)
-        for name in ("kept_count", "pruning", "strength", "selectivity"):
-            assert_close(getattr(found.classes, name), expected[name], err_msg=name)
-        np.testing.assert_array_equal(found.standing.hits, expected["hits"])
-        np.testing.assert_array_equal(found.standing.soft_supported, expected["soft_supported"])
-        np.testing.assert_array_equal(found.standing.shortlist, expected["shortlist"])
-        assert_close(found.standing.hypothesis_relative, expected["hyp_rel"])
-        assert_close(found.quality, expected["quality"])
-        assert found.global_ok == expected["global_ok"]
 
 
 def hypotheses_of_the_page() -> Hypotheses:
@@ -140,36 +105,3 @@ def test_no_hypotheses():
     assert not found.global_ok
     assert not np.any(found.standing.shortlist)
     assert not np.any(found.standing.hypothesis_relative)
-
-
-def kernel_plainly(members, object_class, anchors, label, static):
-    """method.md#class-summary, in the order in which the kernel of a class fills up."""
-    kernel = np.flatnonzero(anchors).tolist()
-    for row in members[: static.switches.context_hypotheses]:
-        for one in np.flatnonzero(row).tolist():
-            if object_class[one] != label and one not in kernel:
-                kernel.append(one)
-                if len(kernel) >= static.switches.set_kernel:
-                    return kernel
-    return kernel
-
-
-def test_kernels_of_classes():
-    """No anchor to more of them than a kernel holds."""
-    static = make_static(precision="float64", set_kernel=3, context_hypotheses=2)
-    generator, slots = np.random.default_rng(0), 8
-    find = jax.jit(find_kernels, static_argnames="static")
-    blank = no_hypotheses(2, slots, make_static(precision="float64", num_hypotheses=4))
-    for case in range(40):
-        num = int(generator.integers(1, slots + 1))
-        exists = np.arange(slots) < num
-        object_class = np.where(exists, generator.integers(0, 3, slots), -1)
-        same = (object_class[:, None] == object_class) & exists[:, None] & exists
-        anchors = exists & (generator.random(slots) < case / 50)
-        members = exists & (generator.random((4, slots)) < 0.4)
-        hypotheses = dataclasses.replace(blank, members=members)
-        found = np.asarray(find(hypotheses, same, anchors, static=static))
-        assert not np.any(found[~exists])
-        for one in np.flatnonzero(exists):
-            plain = kernel_plainly(members, object_class, anchors, object_class[one], static)
-            assert set(np.flatnonzero(found[one])) == set(plain)

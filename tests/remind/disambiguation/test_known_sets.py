@@ -60,38 +60,6 @@ def test_frozen_scenes_show_every_status():
     assert np.all(found >= 3), dict(zip(GroupStatus, found, strict=True))
 
 
-def test_decisions_hold_in_float32():
-    """The scenes have no near ties, so single precision decides alike."""
-    settled = settle_scenes(load_scenes("float32"), "float32")
-    np.testing.assert_array_equal(settled.resolved_slot, expected("resolved_slot"))
-    np.testing.assert_array_equal(settled.groups.status, expected("status"))
-    assert number(settled.groups, "score").dtype == np.float32
-    # Exponentials with a decay of 0.2 amplify the rounding of distances below 30 fivefold.
-    np.testing.assert_allclose(
-        number(settled.groups, "core"), expected("numbers")[..., 2], atol=1e-4
-    )
-
-
-def test_answers_are_consistent():
-    scenes = load_scenes("float32")
-    settled = settle_scenes(scenes, "float32")
-    entries, slot = scenes.undecided, settled.resolved_slot
-    resolved = slot >= 0
-    assert not np.any(resolved & ~entries.present)
-    assert not np.any(resolved & settled.remaining)
-    assert not np.any(settled.remaining & ~entries.present)
-    np.testing.assert_array_equal(resolved, settled.source != MatchOrigin.NONE)
-    named = np.any(entries.slot == slot[..., None], axis=-1)
-    assert np.all(named[resolved])
-    for objects, roots in zip(slot, settled.root, strict=True):
-        for root in np.unique(roots[objects >= 0]):
-            inside = objects[(roots == root) & (objects >= 0)]
-            assert len(np.unique(inside)) == len(inside)
-    gave_way = entries.present & ~settled.remaining & ~resolved
-    assert np.all(settled.proposed[gave_way] >= NUM_OBJECTS)
-    assert gave_way.sum() >= 3
-
-
 def test_capacities_and_padding_do_not_matter():
     scenes, more, dets = load_scenes("float32"), 5, 3
     noise = np.random.default_rng(0)
@@ -194,20 +162,6 @@ def test_each_test_can_reject(changes, status):
     accepted = before.groups.status >= GroupStatus.RESOLVED
     assert accepted.sum() >= 10
     assert np.all(after.groups.status[accepted] == status)
-
-
-@pytest.mark.usefixtures("x64")
-def test_a_sweep_of_thresholds_equals_single_runs():
-    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
-    cores = np.array([0.1, 0.65, 0.66])
-    swept = dataclasses.replace(thresholds(), min_core=cores)
-    axes = jax.tree.map(lambda leaf: 0 if np.ndim(leaf) else None, swept)
-    settled = jax.vmap(lambda t: settle_one(scene, t), in_axes=(axes,))(swept)
-    single = [settle_one(scene, thresholds(min_core=float(core))) for core in cores]
-    accepted, low = GroupStatus.RESOLVED, GroupStatus.LOW_CORE_SCORE
-    np.testing.assert_array_equal(settled.groups.status[:, 0], [accepted, accepted, low])
-    for row, one in enumerate(single):
-        np.testing.assert_array_equal(settled.resolved_slot[row], one.resolved_slot)
 
 
 def chairs_and_lamp(chair_scores):

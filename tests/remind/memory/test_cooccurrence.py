@@ -4,8 +4,6 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
 
 from remind_jax.remind.memory.cooccurrence import (
     conditional,
@@ -18,8 +16,6 @@ from remind_jax.remind.memory.cooccurrence import (
 )
 from remind_jax.remind.thresholds.relations import Cooccurrence
 from tests.statics import make_static
-
-from .plain_graphs import PlainNeighbors
 
 
 def as_arrays(rules):
@@ -116,71 +112,6 @@ def test_conditional_of_the_page():
     assert not conditional(graph, jnp.int32(4), nothing)[2].any()
 
 
-worlds = st.lists(st.sets(st.integers(0, 9), max_size=8), min_size=1, max_size=25)
-rules_drawn = st.sampled_from(
-    [
-        (Cooccurrence(), {}, make_static(max_neighbours=4)),
-        (Cooccurrence(), {}, make_static()),
-        (Cooccurrence(decay=0.5), {"decay": 0.5}, make_static(max_neighbours=4)),
-        (
-            Cooccurrence(decay=0.5),
-            {"decay": 0.5},
-            make_static(max_neighbours=3, neighbour_trim="recent"),
-        ),
-        (Cooccurrence(force_frames=0), {"force": 0}, make_static(max_neighbours=0)),
-        (
-            Cooccurrence(force_frames=7, debounce_frames=2, same_context=0.5),
-            {"force": 7, "debounce": 2, "same_context": 0.5},
-            make_static(max_neighbours=4),
-        ),
-    ]
-)
-
-
-@given(worlds, rules_drawn, st.sets(st.integers(0, 150), min_size=12, max_size=12).map(sorted))
-def test_agrees_with_plain_python(frames, drawn, ids):
-    rules, plain_rules, static = drawn
-    limits = {
-        "most": static.switches.max_neighbours,
-        "recent": static.switches.neighbour_trim == "recent",
-    }
-    plain = [PlainNeighbors(**plain_rules, **limits) for _ in range(10)]
-    graph = empty_cooccurrence(12, jnp.float32)
-    for frame, visible in enumerate(frames):
-        listed = sorted(visible, reverse=True)
-        graph = show(graph, frame, listed, static=static, rules=rules, ids=ids)
-        for i in visible:
-            plain[i].see({ids[j] for j in listed if j != i}, frame)
-    slot, valid = (np.asarray(x) for x in _order(graph, static))
-    for i, expected in enumerate(plain):
-        assert graph.episodes[i] == expected.episodes
-        assert graph.pending_hits[i] == expected.hits
-        assert {ids[j] for j in np.flatnonzero(graph.context[i])} == (expected.context or set())
-        # powers of the decay 0.5 and their sums are exact in float32
-        kept = (graph.count[i], graph.weight[i], graph.edge_time[i])
-        ours = {ids[j]: [leaf[j].item() for leaf in kept] for j in edges(graph, i)}
-        assert ours == expected.edges
-        assert [ids[j] for j in slot[i][valid[i]]] == expected.order()
-
-
-def test_capacity_does_not_change_results():
-    rng = np.random.default_rng(0)
-    small, large = (empty_cooccurrence(size, jnp.float32) for size in (10, 16))
-    static = make_static(max_neighbours=4)
-    for frame in range(30):
-        visible = rng.permutation(10)[: rng.integers(0, 9)]
-        small = show(small, frame, visible, static=static, ids=13 * np.arange(10))
-        large = show(large, frame, visible, static=static, slots=12, ids=13 * np.arange(16))
-    for field in dataclasses.fields(small):
-        ours = np.asarray(getattr(large, field.name))
-        ours = ours[:10, :10] if ours.ndim == 2 else ours[:10]
-        if field.name == "edge_order":  # only the order of the numbers counts
-            continue
-        np.testing.assert_array_equal(getattr(small, field.name), ours, field.name)
-    for one, other in zip(_order(small, static), _order(large, static), strict=True):
-        np.testing.assert_array_equal(one, other[:10])
-
-
 def test_later_decided_detection_shows_the_object():
     slot, order = jnp.array([2, 0, 2, 5]), jnp.array([7, 1, 3, 9])
     seen = gather_sightings(slot, order, jnp.array([True, False, False, True]), 4)
@@ -212,26 +143,3 @@ def test_forgotten_object_leaves_no_trace():
     np.testing.assert_array_equal(moved.episodes[:4], [*np.asarray(graph.episodes)[[0, 2, 3]], 0])
     assert not moved.count[3:].any()
     assert not moved.context[:, 3:].any()
-
-
-def test_maps_over_a_batch():
-    graph = empty_cooccurrence(6, jnp.float32)
-    for frame in range(5):
-        graph = show(graph, frame, [0, 1, 2 + frame % 3])
-    slot = np.full((2, 8), 6, np.int32)
-    slot[0, :3], slot[1, :2] = [0, 1, 5], [3, 4]
-    args = (jnp.arange(8), jnp.ones(8, bool))
-    rules, static = as_arrays(Cooccurrence()), make_static(max_neighbours=2)
-    ids = 8 * jnp.arange(6)
-
-    def one(slot):
-        sightings = gather_sightings(slot, *args, 6)
-        return update_cooccurrence(graph, sightings, ids, jnp.int32(9), static, rules)
-
-    both, alone = jax.jit(jax.vmap(one))(slot), jax.jit(one)
-    for index in range(2):
-        jax.tree.map(
-            lambda b, a, index=index: np.testing.assert_array_equal(b[index], a),
-            both,
-            alone(slot[index]),
-        )

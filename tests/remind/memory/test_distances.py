@@ -1,3 +1,4 @@
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -5,8 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from remind_jax.masks.relations import find_row_ends, relate_masks
 from remind_jax.observation import MaskRelations, Masks
@@ -16,6 +15,7 @@ from remind_jax.remind.memory.cooccurrence import (
     update_cooccurrence,
 )
 from remind_jax.remind.memory.distances import (
+    DistanceGraph,
     empty_distances,
     reorder_distances,
     update_distances,
@@ -25,10 +25,7 @@ from remind_jax.remind.thresholds.relations import Cooccurrence
 from remind_jax.remind.thresholds.relations import Relations as Rules
 from tests.statics import make_static
 
-from .plain_graphs import PlainDistances, read_order
-
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "graphs" / "layout_graph_alt.npz"
-WELFORD = 1e-5  # float32 running means of up to some dozen values of order ten
 
 
 def arrays(rules, scalar=jnp.float32):
@@ -82,6 +79,27 @@ def symmetric(*pairs, num=3):
     for i, j, value in pairs:
         matrix[i, j] = matrix[j, i] = value
     return matrix
+
+
+@dataclasses.dataclass
+class PairOrder:
+    """What an object remembers of the distances to two others (method.md#distance-evidence)."""
+
+    count: np.ndarray  # episodes with both
+    first_share: np.ndarray  # share of them in which the first was nearer
+    margin_mean: np.ndarray
+    margin_deviation: np.ndarray  # sample standard deviation
+
+
+def read_order(graph: DistanceGraph, owner: Any, first: Any, second: Any) -> PairOrder:
+    """Reads the cube of a distance graph; slots broadcast together."""
+    nearer, margin = np.asarray(graph.nearer), np.asarray(graph.margin)
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    won = nearer[owner, first, second]
+    count = won + nearer[owner, second, first]
+    spread = margin[owner, high, low] / np.maximum(1, count - 1)
+    deviation = np.where(count > 1, np.sqrt(np.maximum(0, spread)), 0)
+    return PairOrder(count, won / np.maximum(1, count), margin[owner, low, high], deviation)
 
 
 def test_chairs_and_lamp_of_the_page(x64):
@@ -197,64 +215,6 @@ def test_newest_relations_stay_when_there_are_too_many():
         graph = update(graph, relate(symmetric((0, 1, gap), num=2)), [0, 1], [False, False])
     graph = update(graph, relate(symmetric((0, 1, 8.0), num=2)), [0, 1], [True, True])
     assert graph.edges.gap_mean[0, 1] == 4.0
-
-
-@st.composite
-def frames(draw):
-    """Who is visible, who has an episode, and the seed of the relations."""
-    visible = draw(st.permutations(range(6)))[: draw(st.integers(0, 5))]
-    return visible, [draw(st.booleans()) for _ in visible], draw(st.integers(0, 99))
-
-
-@given(st.lists(frames(), max_size=12))
-def test_agrees_with_plain_python(drawn):
-    num, slots = 5, 7
-    graph = empty_distances(slots, jnp.float32, pending_slots=12)
-    plain = [PlainDistances() for _ in range(6)]
-    for visible, episodes, seed in drawn:
-        rng = np.random.default_rng(seed)
-        values = np.round(rng.random((3, num, num)) * 4, 1)  # ties are wanted
-        values = values + np.swapaxes(values, 1, 2)
-        gap, center, support = values.astype(np.float32)
-        contact = rng.integers(0, 4, (num, num))
-        contact, valid = np.maximum(contact, contact.T), rng.random((num, num)) < 0.8
-        valid &= valid.T
-        relations = relate(gap, center, support / 8, contact, valid)
-        slot, accepted = np.full(num, slots), np.zeros(num, bool)
-        slot[: len(visible)], accepted[: len(visible)] = visible, episodes
-        graph = update(graph, relations, slot, accepted)
-        for n, i in enumerate(visible):
-            for m, j in enumerate(visible):
-                if n != m:
-                    seen = gap[n, m] if valid[n, m] else None
-                    plain[i].collect(j, (seen, center[n, m], support[n, m] / 8, contact[n, m]))
-        for n, i in enumerate(visible):
-            if episodes[n]:
-                plain[i].accept(set(visible) - {i})
-    compare(graph, plain)
-
-
-def compare(graph, plain):
-    edges = graph.edges
-    for i, expected in enumerate(plain):
-        assert set(np.flatnonzero(edges.count[i])) == set(expected.edges)
-        for j, (gaps, centers, supports, contacts) in expected.edges.items():
-            assert edges.gap_count[i, j] == len(gaps)
-            np.testing.assert_array_equal(
-                edges.contact_count[i, j], np.bincount(contacts, minlength=4)
-            )
-            means = [edges.gap_mean[i, j], edges.center_mean[i, j], edges.support_mean[i, j]]
-            wanted = [np.mean(gaps) if gaps else 0.0, np.mean(centers), np.mean(supports)]
-            np.testing.assert_allclose(means, wanted, atol=WELFORD)
-        known = np.asarray(graph.nearer[i] + graph.nearer[i].T)
-        assert np.count_nonzero(known) == 2 * len(expected.orders)
-        for (a, b), both in expected.orders.items():
-            first, second = np.array(both).T
-            assert (known[a, b], graph.nearer[i, a, b]) == (len(both), np.sum(first < second))
-            margin = np.abs(first - second)
-            np.testing.assert_allclose(graph.margin[i, a, b], margin.mean(), atol=WELFORD)
-            squares = np.sum((margin - margin.mean()) ** 2)
-            np.testing.assert_allclose(graph.margin[i, b, a], squares, atol=10 * WELFORD)
 
 
 def test_forgotten_object_leaves_no_trace():

@@ -2,8 +2,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from remind_jax.remind.perception.parts import cluster_parts
 from remind_jax.remind.thresholds import Thresholds
@@ -121,50 +119,3 @@ def test_a_part_like_a_stronger_one_is_dropped(merge, count):
     assert found == count
     assert support[0] == 10
     np.testing.assert_allclose(parts[0], [1, 0, 0, 0, 0], atol=1e-6)
-
-
-def parts_by_loops(features, coverage, rules: Perception):
-    """method.md#k-means-parts word for word, for one detection."""
-    at = np.flatnonzero(coverage > 0)
-    if not len(at):
-        return []
-    rows = features[at] / (np.linalg.norm(features[at], axis=1, keepdims=True) + 1e-12)
-    clusters = min(STATIC.switches.part_clusters, len(at))
-    labels = np.zeros(len(at), int)
-    if clusters > 1:
-        labels, _ = cluster_points(
-            rows.astype(np.float32), clusters, iterations=5, restarts=2, seed=0
-        )
-    parts = []
-    for cluster in range(clusters):
-        inside = at[labels == cluster]
-        support = coverage[inside].sum(dtype=np.float32)
-        large = len(inside) >= rules.part_min_patches and support >= rules.part_min_support
-        if len(inside) and (large or clusters == 1):
-            mean = (coverage[inside, None] * features[inside]).sum(0) / support
-            parts.append((support, mean / np.linalg.norm(mean)))
-    parts.sort(key=lambda part: -part[0])
-    kept = []
-    for support, vector in parts:
-        if all(vector @ other <= rules.part_merge for _, other in kept):
-            kept.append((support, vector))
-    return kept
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(0, NUM_PATCHES), st.sampled_from([0.3, 0.8, 0.99]))
-def test_parts_equal_a_plain_loop(seed, count, merge):
-    rng = np.random.default_rng(seed)
-    centers = rng.standard_normal((4, DIM))
-    features = centers[rng.integers(0, 4, NUM_PATCHES)] + 0.3 * rng.standard_normal(
-        (NUM_PATCHES, DIM)
-    )
-    features = features.astype(np.float32)
-    coverage = np.zeros(NUM_PATCHES, np.float32)
-    coverage[rng.permutation(NUM_PATCHES)[:count]] = rng.integers(1, 257, count) / 256
-    expected = parts_by_loops(features, coverage, Perception(part_merge=merge))
-    parts, support, found = describe_parts(features, coverage, part_merge=merge)
-    assert found == len(expected)
-    for row, (weight, vector) in enumerate(expected):
-        # float32 sums in another order
-        np.testing.assert_allclose(support[row], weight, rtol=1e-5)
-        np.testing.assert_allclose(parts[row], vector, atol=1e-5)
