@@ -124,25 +124,6 @@ def test_the_other_rule_of_resampling_is_that_of_hugging_face(stem):
         assert difference(tokens, network, size) > 1000 * OUTPUTS
 
 
-def test_chunked_attention_is_plain_attention():
-    weights = converted("dinov3_tiny_swiglu")
-    images = golden.load("dinov3_tiny_swiglu").image("112x48")
-    plain, chunked = (
-        run(weights, images, Numerics(attention=method)).patches for method in ("plain", "chunked")
-    )
-    # The same sums in another order, through three blocks.
-    np.testing.assert_allclose(plain, chunked, rtol=0, atol=3e-5)
-
-
-def test_many_queries_are_worked_on_in_several_chunks():
-    weights = converted("dino_tiny_p8")
-    images = np.random.default_rng(0).normal(size=(1, 80, 136, 3)).astype(np.float32)
-    plain, chunked = (
-        run(weights, images, Numerics(attention=method)).patches for method in ("plain", "chunked")
-    )
-    np.testing.assert_allclose(plain, chunked, rtol=0, atol=3e-5)
-
-
 def test_images_of_a_batch_do_not_see_each_other():
     network, weights = golden.load("dinov2_tiny_reg"), converted("dinov2_tiny_reg")
     first = network.image("42x84")

@@ -32,23 +32,6 @@ def summary_of(outcome) -> dict:
     return json.loads(outcome.stdout)
 
 
-def test_missing_file_suggests_the_nearest_name(command, tmp_path):
-    (tmp_path / "rooms.mp4").write_bytes(b"")
-    assert_refused(command("run", "room.mp4"), "room.mp4", "does not exist", "rooms.mp4")
-
-
-def test_truncated_video_is_tracked_up_to_its_end(command, tmp_path):
-    num = 24
-    video = scenes.write_video(tmp_path / "rooms.mp4", num)
-    video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
-    masks = scenes.write_masks(tmp_path / "masks.npz", num)
-    outcome = command("run", video, "--masks", masks, "--json", "--no-overlay")
-    summary = summary_of(outcome)
-    assert outcome.stderr == ""
-    assert 0 < summary["frames"] < num
-    assert summary["skipped_frames"] == num - summary["frames"]
-
-
 def test_corrupt_image_in_the_middle_is_skipped_counted_and_reported(command, scene):
     images, masks = scene
     bad = images / "0001.png"
@@ -107,14 +90,6 @@ def test_features_that_are_not_finite_are_left_out_and_reported(command, tmp_pat
             "message": "2 patches were left out for a feature that is not finite",
         }
     ]
-
-
-def test_changing_frame_size_is_skipped_and_reported(command, scene):
-    images, masks = scene
-    cv2.imwrite(str(images / "0003.png"), np.zeros((48, 48, 3), np.uint8))
-    summary = summary_of(command("run", images, "--masks", masks, "--json"))
-    assert (summary["frames"], summary["skipped_frames"]) == (3, 1)
-    assert "48x48" in summary["skipped"][0]["reason"]
 
 
 @pytest.mark.slow

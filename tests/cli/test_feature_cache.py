@@ -9,21 +9,6 @@ import pytest
 from tests.backbone.networks import converted_file
 
 
-def test_a_run_takes_what_was_kept(command, scene, tmp_path):
-    (tmp_path / "frames.yaml").write_text("tracker: plus\ninput:\n  closeups: never\n")
-    run = ("run", scene[0], "--masks", scene[1], "--no-overlay", "--config", "frames.yaml")
-    command(*run, "--out", "plain", "--quiet")
-    kept = []
-    for name in ("first", "second"):
-        command(*run, "--feature-cache", "kept", "--out", name, "--quiet")
-        kept.append({p: p.stat().st_mtime_ns for p in (tmp_path / "kept").rglob("*.npy")})
-        assert (tmp_path / "plain" / "tracks.csv").read_bytes() == (
-            tmp_path / name / "tracks.csv"
-        ).read_bytes()
-    assert len(kept[0]) == 4
-    assert kept[0] == kept[1]
-
-
 def test_closeups_are_kept_as_runs_go(command, scene, tmp_path):
     run = ("run", scene[0], "--masks", scene[1], "--no-overlay", "--json")
     command(*run, "--out", "plain")

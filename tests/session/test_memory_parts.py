@@ -117,7 +117,7 @@ def test_a_kill_at_any_byte_leaves_the_memory_before(path, caplog):
     file.update(life.memory)
     content = path.read_bytes()
     added = len(content) - before
-    for cut in sorted({1, 7, 8, 9, added - 1, *range(2, added, added // 12)}):
+    for cut in sorted({1, 7, 8, 9, added - 1, *range(2, added, added // 5)}):
         for left in (content[: before + cut], content[: before + cut] + bytes(added - cut)):
             if left != content:  # zeros: blocks that were not on the disk when the power went
                 path.write_bytes(left)

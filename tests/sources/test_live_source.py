@@ -89,41 +89,6 @@ def test_times_are_those_of_arrival():
     assert 0.1 < times[-1] <= took_s
 
 
-def test_a_camera_that_goes_away_and_comes_back_goes_on():
-    frames, news = [], []
-    with Camera(fps=30) as camera:
-        source = open_live(camera.url, reconnect=60)
-        for frame in source:
-            frames.append(frame)
-            news += source.take_news()
-            if len(frames) == 5:
-                drop_out(camera)
-            if news and len(frames) > 15:
-                source.stop()
-    assert len(news) == 1
-    assert "came back" in news[0]
-    numbers = numbers_of(frames)
-    assert (np.diff(numbers) > 0).all()
-    assert np.diff([frame.time_s for frame in frames]).max() > 0.3
-
-
-def test_a_camera_that_stays_away_is_an_error_after_its_frames(monkeypatch):
-    with Camera(fps=30) as camera:
-        cameras.patience_ends_with(camera, monkeypatch)
-        source = open_live(camera.url, reconnect=60)
-        frames = iter(source)
-        next(frames)
-        camera.switch_off()
-        with pytest.raises(SourceError, match="did not come back within 60 s; everything until"):
-            list(frames)
-
-
-def test_with_reconnect_0_the_end_of_the_stream_is_the_end():
-    with Camera(fps=60, most=20) as camera:
-        frames = list(open_live(camera.url, reconnect=0))
-    assert 1 <= len(frames) <= 20
-
-
 def test_duration_ends_a_stream():
     with Camera(fps=30) as camera:
         source = open_live(camera.url, duration=0.5)
