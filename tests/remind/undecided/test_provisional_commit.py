@@ -1,4 +1,4 @@
-"""When an undecided detection founds an object."""
+"""When an undecided detection founds an object; `test_pending` has the tracks that end by it."""
 
 import jax.numpy as jnp
 import numpy as np
