@@ -100,10 +100,10 @@ def cluster_sets(points, members, wanted, *, clusters, iterations, restarts, see
     """What `cluster_in_graph` gives: labels and centers of all sets."""
     labels = np.full(members.shape, NO_SLOT, np.int32)
     centers = np.zeros((len(members), clusters, points.shape[1]), points.dtype)
-    for own, placed, member, most in zip(labels, centers, members, wanted, strict=True):
+    for row, member in enumerate(members):
         if member.any():
-            own[member], found = cluster_points(
-                points[member], int(most), iterations, restarts, seed
+            labels[row, member], found = cluster_points(
+                points[member], int(wanted[row]), iterations, restarts, seed
             )
-            placed[: len(found)] = found
+            centers[row, : len(found)] = found
     return labels, centers
