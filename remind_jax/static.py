@@ -48,6 +48,8 @@ class Static:
         least=0, key="memory.start_object_id")
 
     precision: Literal["float32", "float64"] = setting("float32", "of scores and qualities")
+    solver: Literal["host", "jax"] = setting("jax",
+        "in-graph twins, or SciPy and NumPy by callbacks")
     switches: Any = NoSwitches()  # of the method: a hashable record of its own
 
     # fmt: on

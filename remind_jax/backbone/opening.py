@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from remind_jax.backbone.registry import Backbone, check_name, get_backbone
+from remind_jax.backbone.registry import Backbone, check_name, get_backbone, parts_of
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.errors import ConfigError
 
@@ -54,7 +54,8 @@ def obtain_named(
     if weights is not None or not isinstance(backbone, str):
         return
     check_name(backbone)
-    if backbone in VARIANTS:
-        from remind_jax.backbone.weights_download import obtain_weights
+    for name in parts_of(backbone):
+        if name in VARIANTS:
+            from remind_jax.backbone.weights_download import obtain_weights
 
-        obtain_weights(backbone, quiet=quiet)
+            obtain_weights(name, quiet=quiet)

@@ -9,6 +9,8 @@ import dataclasses
 import functools
 import importlib
 import inspect
+import re
+from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -137,23 +139,25 @@ _factories: dict[str, BackboneFactory | str] = {
     "vit": "remind_jax.backbone.vit_backbone:vit_from_file",
     "onnx": "remind_jax.backbone.onnx_encoder:onnx_encoder",
 }
+_COMBINE = "remind_jax.backbone.combined:combine"
 
 
 def register(name: str, factory: BackboneFactory | str | None = None) -> Any:
     """Adds a backbone under `name`; also a decorator: `@register("my-backbone")`.
 
     Args:
-      name: What `get_backbone` is asked for; no colon (what follows one is handed to the factory).
+      name: What `get_backbone` is asked for; no colon (what follows one is handed to the factory)
+        and no plus (which joins backbones).
       factory: `factory(**options) -> Backbone`, or `"module:function"` to import it when needed
         (`"module:function:argument"`: with a first argument).
 
     Raises:
-      ConfigError: If the name is taken by another backbone or holds a colon.
+      ConfigError: If the name is taken by another backbone or holds a colon or a plus.
     """
-    if ":" in name or not name:
+    if ":" in name or "+" in name or not name:
         raise ConfigError(
             f"'{name}' cannot name a backbone; use a name without a colon, which sets off what is "
-            "handed to the backbone, as in 'onnx:encoder.onnx'"
+            "handed to the backbone, as in 'onnx:encoder.onnx', and without a plus, which joins two"
         )
 
     def add(new_factory: BackboneFactory | str) -> Any:
@@ -171,19 +175,43 @@ def list_backbones() -> tuple[str, ...]:
     return tuple(sorted(_factories))
 
 
+def parts_of(name: str) -> list[str]:
+    """The names that pluses join, as in `"patch-statistics+onnx:encoder.onnx"`.
+
+    A plus within a target, such as the name of a file, joins nothing unless a registered name
+    follows it.
+    """
+    known = "|".join(map(re.escape, _factories))
+    parts = []
+    for part in re.split(rf"\+(?=(?:{known})(?:[:+]|$))", name):
+        family, colon, target = part.partition(":")
+        *before, last = family.split("+")
+        parts += [*before, last + colon + target]
+    return parts
+
+
 def check_name(name: str) -> None:
     """Checks that `get_backbone` knows a name; imports no backbone.
 
     Raises:
       ConfigError: If there is no such backbone.
     """
-    family, colon, target = name.partition(":")
-    if colon and not target:
-        raise ConfigError(f"nothing follows '{name}' in backbone '{name}'; give a file")
-    if family not in _factories:
+    parts = parts_of(name)
+    if "" in parts[1:] or parts[0] == "" != name:
         raise ConfigError(
-            f"there is no backbone '{family}'; {nearest_names(family, list_backbones())}"
+            f"backbone '{name}' has nothing before or after a plus; leave the plus out, or name "
+            "what it joins"
         )
+    if wrong := next((part for part, count in Counter(parts).items() if count > 1), None):
+        raise ConfigError(f"backbone '{name}' joins '{wrong}' twice; name it once")
+    for part in parts:
+        family, colon, target = part.partition(":")
+        if colon and not target:
+            raise ConfigError(f"nothing follows '{part}' in backbone '{name}'; give a file")
+        if family not in _factories:
+            raise ConfigError(
+                f"there is no backbone '{family}'; {nearest_names(family, list_backbones())}"
+            )
 
 
 def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
@@ -191,12 +219,21 @@ def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
 
     Args:
       name: A registered name, or `"NAME:TARGET"` for a backbone that reads `TARGET`, usually a
-        file; the target becomes the first argument of its factory.
+        file; the target becomes the first argument of its factory. Several, joined by pluses, see
+        a frame one beside the other (`combined.combine`).
 
     Raises:
       ConfigError: If there is no such backbone or it does not take such an option.
     """
     check_name(name)
+    parts = parts_of(name)
+    if len(parts) > 1:
+        if options:
+            raise ConfigError(
+                f"'{name}' joins several backbones and takes no option ({', '.join(options)}); "
+                "weights of one are named after a colon, 'vit:FILE'"
+            )
+        return _import(_COMBINE)([get_backbone(part) for part in parts])
     family, colon, target = name.partition(":")
     factory = _factories[family]
     if isinstance(factory, str):

@@ -29,7 +29,7 @@ from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
-from remind_jax.solvers.assignment_in_graph import assign_in_graph
+from remind_jax.solvers.assignment import assign
 from remind_jax.static import Static
 
 NUM_VIEWS = 12
@@ -70,7 +70,7 @@ def decide(
     score = jnp.max(jnp.where(views.weight > 0, each, -1.0), axis=-1)
     allowed = same_class(state, masks) & looks.valid[:, None] & (score >= thresholds.match)
     least = jnp.full(len(masks.valid), thresholds.match, jnp.float32)
-    column = assign_in_graph(score, allowed, masks.class_id, least, jnp.array(True))
+    column = assign(score, allowed, masks.class_id, least, jnp.array(True), solver=static.solver)
 
     def learn(views: Views, slot: Array, starts: Array) -> Views:
         weight = views.weight.at[slot].get(mode="fill", fill_value=0)

@@ -32,7 +32,7 @@ from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.observation import AnyFeats, Masks, without_coverage
 from remind_jax.settings.kinds import Real, Whole
 from remind_jax.settings.record import setting
-from remind_jax.solvers.assignment_in_graph import assign_in_graph
+from remind_jax.solvers.assignment import assign
 from remind_jax.static import Static
 
 
@@ -77,7 +77,7 @@ def decide(
     allowed = same_class(state, masks) & (score >= thresholds.min_iou)
     # Any overlap that is allowed is better than none.
     nothing = jnp.zeros(len(masks.valid), jnp.float32)
-    column = assign_in_graph(score, allowed, masks.class_id, nothing, jnp.array(True))
+    column = assign(score, allowed, masks.class_id, nothing, jnp.array(True), solver=static.solver)
 
     def learn(last: LastBoxes, slot: Array, starts: Array) -> LastBoxes:
         return LastBoxes(last.box.at[slot].set(boxes, mode="drop"))

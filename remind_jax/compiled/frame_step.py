@@ -127,7 +127,7 @@ class FrameStep:
                 lambda *leaves: describe(jax.tree.unflatten(structure, leaves)),
                 shapes,
                 (identify(method.describe), own, structure),
-                is_kept=is_of_this_package(method.describe),
+                is_kept=self._is_kept(method.describe, static),
             )
         )
 
@@ -177,9 +177,13 @@ class FrameStep:
                 (identify(self._method.decide), self._is_traced, static, given_structure),
                 num_donated=len(memory_shapes),
                 # The structure of a trace is not kept.
-                is_kept=is_of_this_package(self._method.decide) and not self._is_traced,
+                is_kept=self._is_kept(self._method.decide, static) and not self._is_traced,
             )
         )
+
+    def _is_kept(self, function: Callable[..., Any], static: Static) -> bool:
+        """A program that calls the host holds pointers into this process."""
+        return is_of_this_package(function) and static.solver != "host"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -78,7 +78,7 @@ def remember(
     ended = claim_origins(state.pending, is_new, descriptors.class_id, support_id, t.pending)
     tracks = end_tracks(state.pending, ended)
     items = _undecided(decisions, settlement, descriptors, masks, t)
-    joined = join_tracks(tracks, items, pending_score, t.pending)
+    joined = join_tracks(tracks, items, pending_score, t.pending, solver=static.solver)
     pending_slot, needed_pending = open_tracks(tracks, items, joined)
 
     num_new = jnp.sum(is_new, dtype=jnp.int32)

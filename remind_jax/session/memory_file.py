@@ -366,7 +366,6 @@ def _read_description(
 
     switches = get_method(metadata["tracker"]).switches()
     values = read("static", dict[str, Any])
-    values.pop("solver", None)  # of earlier files; no solver gave other results
     if "switches" in values:
         given = values.pop("switches")
     else:  # an earlier file names the switches of the paper's tracker in every memory

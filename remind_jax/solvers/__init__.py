@@ -1,1 +1,1 @@
-"""Linear assignment and k-means in the graph."""
+"""Linear assignment and k-means: host callbacks and in-graph twins behind one interface."""

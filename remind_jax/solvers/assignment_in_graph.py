@@ -1,6 +1,6 @@
-"""Joint assignment of detections to objects, class by class (method.md#joint-assignment).
+"""In-graph twin of the joint assignment: SciPy's procedure with fixed shapes.
 
-SciPy's procedure with fixed shapes; ties: method.md#assignment-ties.
+Rule: method.md#assignment-ties.
 
 All groups are solved in one loop, one after the other, on *drivers* and *slots*. Drivers are what
 SciPy enters row by row: the detections of a group, or its objects where SciPy would transpose.
@@ -105,24 +105,10 @@ def assign_in_graph(
     dummies: Bool[Array, ""],
     present: Bool[Array, "N M"] | None = None,
 ) -> Int[Array, "N"]:
-    """Gives every row at most one column so that the summed score is largest.
+    """Column of each row, as `remind_jax.solvers.assignment.assign_groups` gives it, ties included.
 
-    Rows of different groups never share a column. With `dummies`, a row may stay without a column
-    for the score `dummy[row]`; without them, as many rows as possible get one. Ties fall as in
-    `scipy.optimize.linear_sum_assignment` on each group's own matrix. At most one visit per pair of
-    driver and slot; as a rule few more visits than rows.
-
-    Args:
-      scores: Score of each pair, finite where allowed.
-      allowed: Pairs that may be assigned; a row without any takes no part.
-      group: Class of each row.
-      dummy: Score of leaving a row without a column.
-      dummies: Whether rows may be left without a column by choice.
-      present: Pairs that stand in the matrix of the row's group, allowed or not; `allowed` if left
-        out. A column that no row may have can still decide a tie.
-
-    Returns:
-      The column of each row, -1 if it has none.
+    Arguments as there. Scores must be finite where allowed. At most one visit per pair of driver
+    and slot; as a rule few more visits than rows.
     """
     groups = _sort_groups(allowed, allowed if present is None else present, group, dummies)
     cost = jnp.where(allowed, -scores, FORBIDDEN_COST)

@@ -1,4 +1,4 @@
-"""k-means over the patches of each detection: all sets at once (method.md#k-means).
+"""In-graph twin of k-means: all sets at once, by matrix products (method.md#k-means).
 
 The members of a set are listed in blocks of rows, and a turn reads the blocks of all sets once: it
 measures every member against the centers of its set and sums up the members nearest to each. The
@@ -83,11 +83,11 @@ def cluster_in_graph(
     restarts: int,
     seed: int,
 ) -> tuple[Int[Array, "N P"], Float[Array, "N K D"]]:
-    """Clusters the member points of each set; the sets are independent.
+    """Clusters the member points of each set as `remind_jax.solvers.clustering.cluster_points`.
 
-    Initial centers are one drawn point and then the farthest ones; the restart of least inertia
-    wins, the first among equals. If a restart ends by its last round, centers are one update newer
-    than labels.
+    Labels are equal unless two distances, or the inertias of two restarts, differ by no more than
+    the rounding of their sums (about 1e-6 of the squared norms), which are added in another order;
+    inputs whose sums are exact, such as small whole numbers, agree in their ties as well.
 
     Args:
       wanted: Clusters of each set, at most `clusters`; a set never has more than points.

@@ -227,7 +227,7 @@ def _compile_kept(
             (*shapes_of(states), *shapes),
             (identify(decide), run.keywords["static"], structure),
             num_donated=num,
-            is_kept=is_of_this_package(decide),
+            is_kept=is_of_this_package(decide) and run.keywords["static"].solver != "host",
         )
     )
 

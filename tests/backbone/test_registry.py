@@ -111,7 +111,17 @@ def test_unfit_images_are_refused_in_one_sentence(shape, dtype, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_name_without_family_or_file_is_refused():
-    for name, said in (("onnx:", "nothing follows 'onnx:'"), ("", "no backbone ''; allowed: ")):
-        with pytest.raises(ConfigError, match=said):
-            registry.check_name(name)
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("patch-statistics+", "has nothing before or after a plus; leave the plus out"),
+        ("+patch-statistics", "has nothing before or after a plus"),
+        ("+", "has nothing before or after a plus"),
+        ("patch-statistics+patch-statistics", "joins 'patch-statistics' twice; name it once"),
+        ("patch-statistics+onnx:", "nothing follows 'onnx:'"),
+        ("", "there is no backbone ''; allowed: "),
+    ],
+)
+def test_what_joins_nothing_is_refused(name, said):
+    with pytest.raises(ConfigError, match=said.replace("+", r"\+")):
+        registry.check_name(name)

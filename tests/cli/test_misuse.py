@@ -47,6 +47,7 @@ SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
         ((*SCENE, "--sequence", "bear"), 2, "--sequence is 'bear', and '"),
         ((*SCENE, "--record", "out"), 2, "--record and --out are the same folder; give"),
         ((*SCENE, "--record", "."), 1, "'.' is there already; choose another name"),
+        ((*SCENE, "--backbone", "patch-statistics+"), 1, "has nothing before or after a plus"),
         ((*SCENE, "--backbone", "onnx:"), 1, "nothing follows 'onnx:' in backbone 'onnx:'; give a"),
         ((*SCENE, "--start", "100"), 1, "has 4 frames, numbered from 0; the first one asked for"),
         ((*SCENE, "--memory", "empty"), 1, "is a folder; give the file, memory.safetensors"),

@@ -255,7 +255,7 @@ def test_an_empty_file_is_published(tmp_path):
         ({"base": "remind", "static.appearance_slots": [20, 0]}, "appearance_slots.*positive"),
         ({"base": "remind", "static": {"appearance_slots": 20}}, "a list"),
         ({"static.part_seed": 1}, "'static.part_seed' .* is a switch of tracker 'remind', and"),
-        ({"static": {"precision": "half"}}, "precision is 'half'; allowed: float32, float64"),
+        ({"static": {"solver": "magic"}}, "solver is 'magic'; allowed: host, jax"),
         ({"base": "remind", "static.neighbour_trim": "age"}, "allowed: weight, recent"),
         ({"input": {"sanitize": "hull"}}, "allowed: convex_hull, morphology, none"),
         ({"input": {"max_width_px": 0}}, "max_width_px is 0"),

@@ -308,8 +308,9 @@ def test_undecided_tracks_alone_overflow_and_change_nothing_else(frames, states)
 
 
 @pytest.mark.slow
-def test_decisions_do_not_depend_on_the_candidates_shown(frames, states):
-    other = world.run(frames, change_static(world.STATIC, num_candidates=8))
+@pytest.mark.parametrize("change", [{"solver": "host"}, {"num_candidates": 8}])
+def test_decisions_do_not_depend_on(frames, states, change):
+    other = world.run(frames, change_static(world.STATIC, **change))
     shown = min(world.STATIC.num_candidates, other[0].decisions.candidate_id.shape[1])
     for state, expected in zip(other, states, strict=True):
         ours, theirs = world.decided(state), world.decided(expected)

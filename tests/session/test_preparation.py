@@ -57,6 +57,7 @@ def test_without_classes_all_detections_are_of_one():
 
 def test_second_detections_of_one_thing_are_no_detections_unless_kept():
     frame = frame_of("cup", "cup")
+    assert frame.detections is not None
     masks = np.array(frame.detections.masks)
     masks[1] = masks[0]
     doubled = dataclasses.replace(
@@ -71,6 +72,7 @@ def test_second_detections_of_one_thing_are_no_detections_unless_kept():
 
 def test_without_classes_second_detections_may_have_any_name():
     frame = frame_of("cup", "mug")
+    assert frame.detections is not None
     masks = np.array(frame.detections.masks)
     masks[1] = masks[0]
     doubled = dataclasses.replace(

@@ -1,4 +1,4 @@
-"""The graph must choose the pairs that SciPy chooses, ties included.
+"""The twin must choose the pairs that SciPy chooses, ties included.
 
 Tied scores are tenths: in single precision their sums round, and ties would fall otherwise than in
 SciPy's double precision.
@@ -16,17 +16,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
+from remind_jax.errors import ConfigError
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.solvers.assignment_in_graph import assign_in_graph
-from tests.solvers.on_host import assign_groups
+from remind_jax.solvers.assignment import assign, assign_groups
 
 SHAPES = ((1, 1), (3, 5), (6, 4), (16, 24))
 
 
 @cache
-def in_graph(mapped: bool = False):
+def twin(mapped: bool = False):
     """Compiled once for each shape."""
-    return jax.jit(jax.vmap(assign_in_graph) if mapped else assign_in_graph)
+    solve = lambda *problem: assign(*problem, solver="jax")  # noqa: E731
+    return jax.jit(jax.vmap(solve) if mapped else solve)
 
 
 def by_scipy(scores, allowed, group, dummy, dummies):
@@ -60,7 +61,7 @@ def make_problem(rng, num, columns, dtype: type = np.float32):
 @given(seed=st.integers(0, 2**32 - 1))
 def test_equals_scipy_pair_by_pair(num, columns, seed):
     problem = make_problem(np.random.default_rng(seed), num, columns)
-    np.testing.assert_array_equal(in_graph()(*problem), by_scipy(*problem))
+    np.testing.assert_array_equal(twin()(*problem), by_scipy(*problem))
 
 
 @pytest.mark.parametrize(("num", "columns"), SHAPES[1:])
@@ -72,14 +73,14 @@ def test_columns_that_no_row_may_have_count_among_ties(num, columns, seed):
     shared = problem[2][:, None] == rng.integers(problem[2].min(), 1, columns)
     present = problem[1] | shared
     expected = assign_groups(*problem[:4], bool(problem[4]), present)
-    np.testing.assert_array_equal(in_graph()(*problem, present), expected)
+    np.testing.assert_array_equal(twin()(*problem, present), expected)
 
 
 @pytest.mark.parametrize(("num", "columns"), SHAPES)
 def test_batch_equals_scipy(num, columns):
     rng = np.random.default_rng(7)
     problems = [make_problem(rng, num, columns) for _ in range(200)]
-    columns_of_rows = in_graph(mapped=True)(*map(np.stack, zip(*problems, strict=True)))
+    columns_of_rows = twin(mapped=True)(*map(np.stack, zip(*problems, strict=True)))
     np.testing.assert_array_equal(columns_of_rows, [by_scipy(*p) for p in problems])
 
 
@@ -88,7 +89,7 @@ def test_double_precision_equals_scipy():
     problems = [make_problem(rng, 8, 6, np.float64) for _ in range(200)]
     with jax.enable_x64(True):
         batch = [jnp.asarray(np.stack(part)) for part in zip(*problems, strict=True)]
-        result = jax.jit(jax.vmap(assign_in_graph))(*batch)
+        result = jax.jit(jax.vmap(lambda *p: assign(*p, solver="jax")))(*batch)
         assert batch[0].dtype == jnp.float64
         assert result.dtype == jnp.int32
     np.testing.assert_array_equal(result, [by_scipy(*p) for p in problems])
@@ -104,7 +105,7 @@ def test_one_group_is_one_call_of_scipy(shape):
         expected[rows] = columns
         everything = np.ones(shape, bool)
         one_group, dummy = np.zeros(shape[0], np.int32), np.zeros(shape[0], np.float32)
-        result = in_graph()(scores, everything, one_group, dummy, np.bool_(False))
+        result = twin()(scores, everything, one_group, dummy, np.bool_(False))
         np.testing.assert_array_equal(result, expected)
 
 
@@ -113,28 +114,35 @@ def test_uncertain_row_gives_way():
     scores = np.array([[0.80], [0.79]], np.float32)
     dummy = np.array([0.249752, 0.203938], np.float32)
     rest = np.ones((2, 1), bool), np.zeros(2, np.int32), dummy, np.bool_(True)
-    assert in_graph()(scores, *rest).tolist() == [NO_SLOT, 0]
+    assert twin()(scores, *rest).tolist() == [NO_SLOT, 0]
 
 
 def test_invalid_score_ends():
-    """SciPy refuses such a table; the graph leaves rows without a column, and comes back."""
+    """SciPy refuses such a table; the twin leaves rows without a column, and comes back."""
     scores = np.full((3, 4), np.nan, np.float32)
     rest = np.ones((3, 4), bool), np.zeros(3, np.int32), np.zeros(3, np.float32), np.bool_(False)
-    assert in_graph()(scores, *rest).tolist() == [NO_SLOT] * 3
+    assert twin()(scores, *rest).tolist() == [NO_SLOT] * 3
 
 
 @pytest.mark.parametrize("swept", [False, True])
-def test_it_is_the_same_under_transformations(swept):
+def test_both_solvers_agree_under_transformations(swept):
     rng = np.random.default_rng(10)
     problems = [make_problem(rng, 6, 4) for _ in range(16)]
     batch = [np.stack(part) for part in zip(*problems, strict=True)]
     axes = (0, 0, 0, 0, 0 if swept else None)
     if not swept:
         batch[4] = batch[4][0]
-        problems = [(*problem[:4], batch[4]) for problem in problems]
-    expected = [by_scipy(*problem) for problem in problems]
-    mapped = jax.jit(jax.vmap(jax.jit(assign_in_graph), in_axes=axes))(*batch)
-    np.testing.assert_array_equal(mapped, expected)
+    host, twin_ = (
+        jax.jit(jax.vmap(jax.jit(lambda *p, s=solver: assign(*p, solver=s)), in_axes=axes))(*batch)
+        for solver in ("host", "jax")
+    )
+    np.testing.assert_array_equal(host, twin_)
     if swept:
-        scanned = jax.lax.map(lambda p: assign_in_graph(*p), tuple(map(jnp.asarray, batch)))
-        np.testing.assert_array_equal(scanned, expected)
+        scanned = jax.lax.map(lambda p: assign(*p, solver="jax"), tuple(map(jnp.asarray, batch)))
+        np.testing.assert_array_equal(scanned, host)
+
+
+def test_unknown_solver_is_named():
+    problem = make_problem(np.random.default_rng(0), 1, 1)
+    with pytest.raises(ConfigError, match="'scipy' is unknown; use 'host' or 'jax'"):
+        assign(*map(jnp.asarray, problem), solver="scipy")

@@ -1,4 +1,4 @@
-"""The graph must label as the host does; ties of exact sums included."""
+"""The twin must label as the host does; ties of exact sums included."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from remind_jax.errors import ConfigError
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.solvers.clustering_in_graph import _draw_numbers, _multiply, cluster_in_graph
-from tests.solvers.on_host import cluster_sets
+from remind_jax.solvers.clustering import cluster_points, kmeans, kmeans_with_centers
+from remind_jax.solvers.clustering_in_graph import _draw_numbers, _multiply
 
 # Centers are float32 means of unit vectors, added in another order.
 CENTER_ROUNDING = 1e-5
@@ -19,15 +20,18 @@ PARTS = {"clusters": 4, "iterations": 5, "restarts": 2, "seed": 0}
 RINGS = {"clusters": 24, "iterations": 10, "restarts": 1, "seed": 1}
 
 
-CLUSTER = jax.jit(cluster_in_graph, static_argnames=("clusters", "iterations", "restarts", "seed"))
-
-
-def solve(options, points, members, wanted=None):
-    """Labels and centers in the graph, and on the host."""
+def solve(solver, options, points, members, wanted=None):
     wanted = np.full(len(members), options["clusters"]) if wanted is None else wanted
-    return CLUSTER(points, members, wanted, **options), cluster_sets(
-        points, members, wanted, **options
+    return _SOLVE[solver, options["clusters"]](points, members, wanted)
+
+
+_SOLVE = {
+    (solver, options["clusters"]): jax.jit(
+        lambda p, m, w, s=solver, o=options: kmeans_with_centers(p, m, w, solver=s, **o)
     )
+    for solver in ("host", "jax")
+    for options in (PARTS, RINGS)
+}
 
 
 def make_generic(rng, num_points, dims, num_sets):
@@ -50,7 +54,7 @@ def make_generic(rng, num_points, dims, num_sets):
 def test_equals_host(x64, options, seed):
     points, members = make_generic(np.random.default_rng(seed), 160, 16, 6)
     points = points.astype(np.float64)
-    twin, host = solve(options, points, members)
+    twin, host = (solve(solver, options, points, members) for solver in ("jax", "host"))
     np.testing.assert_array_equal(twin[0], host[0])
     np.testing.assert_allclose(twin[1], host[1], atol=CENTER_ROUNDING)
 
@@ -61,7 +65,7 @@ def test_single_precision_equals_host(options):
     num_equal = 0
     for seed in range(50):
         points, members = make_generic(np.random.default_rng(seed), 160, 16, 6)
-        twin, host = solve(options, points, members)
+        twin, host = (solve(solver, options, points, members) for solver in ("jax", "host"))
         equal = (np.asarray(twin[0]) == np.asarray(host[0])).all(axis=1)
         num_equal += equal.sum()
         twin_centers, host_centers = np.asarray(twin[1])[equal], np.asarray(host[1])[equal]
@@ -75,8 +79,8 @@ def test_sets_fill_one_block_of_rows_or_several(size):
     members = np.zeros((6, 160), bool)
     members[0, :size] = True
     members[1:5, 3:9] = True
-    (labels, _), (host_labels, _) = solve(PARTS, points, members)
-    np.testing.assert_array_equal(labels, host_labels)
+    labels, _ = solve("jax", PARTS, points, members)
+    np.testing.assert_array_equal(labels, solve("host", PARTS, points, members)[0])
 
 
 @given(seed=st.integers(0, 2**32 - 1), distinct=st.integers(1, 4))
@@ -86,7 +90,8 @@ def test_degenerate_sets_equal_host(seed, distinct):
     kinds = rng.integers(-3, 4, (distinct, 16))
     points = kinds[rng.integers(0, distinct, 160)].astype(np.float32)
     members = rng.random((6, 160)) < rng.choice([0.01, 0.03, 0.5], (6, 1))
-    (labels, centers), (host_labels, host_centers) = solve(PARTS, points, members)
+    labels, centers = solve("jax", PARTS, points, members)
+    host_labels, host_centers = solve("host", PARTS, points, members)
     np.testing.assert_array_equal(labels, host_labels)
     np.testing.assert_array_equal(centers, host_centers)
 
@@ -96,7 +101,7 @@ def test_few_points_get_a_cluster_each():
     members = np.zeros((6, 160), bool)
     for size in range(5):
         members[size, 20 : 20 + size] = True
-    labels = np.asarray(solve(PARTS, points, members)[0][0])
+    labels = np.asarray(solve("jax", PARTS, points, members)[0])
     for size in range(5):
         assert sorted(labels[size, members[size]]) == list(range(size))
     assert (labels[~members] == NO_SLOT).all()
@@ -106,23 +111,38 @@ def test_every_set_has_its_own_number_of_clusters():
     points, members = make_generic(np.random.default_rng(4), 160, 16, 6)
     members[:] = True
     wanted = np.array([1, 2, 3, 9, 16, 24])
-    (labels, centers), (host_labels, host_centers) = solve(RINGS, points, members, wanted)
+    labels, centers = solve("jax", RINGS, points, members, wanted)
+    host_labels, host_centers = solve("host", RINGS, points, members, wanted)
     np.testing.assert_array_equal(labels, host_labels)
     np.testing.assert_allclose(centers, host_centers, atol=CENTER_ROUNDING)
     assert (np.asarray(labels).max(axis=1) < wanted).all()
     assert not np.asarray(centers)[0, 1:].any()
 
 
-def test_batch_and_double_precision_equal_host(x64):
+def test_batch_equals_host():
     rng = np.random.default_rng(5)
     cases = [make_generic(rng, 160, 16, 6) for _ in range(8)]
     points, members = map(np.stack, zip(*cases, strict=True))
-    points, wanted = points.astype(np.float64), np.full((8, 6), PARTS["clusters"])
-    mapped = jax.vmap(lambda *given: cluster_in_graph(*given, **PARTS)[0])
-    labels = jax.jit(mapped)(points, members, wanted)
-    assert labels.dtype == jnp.int32
-    for own, *case in zip(labels, points, members, wanted, strict=True):
-        np.testing.assert_array_equal(own, cluster_sets(*case, **PARTS)[0])
+    host, twin = (
+        jax.jit(jax.vmap(lambda p, m, s=solver: kmeans(p, m, **PARTS, solver=s)))(points, members)
+        for solver in ("host", "jax")
+    )
+    np.testing.assert_array_equal(twin, host)
+
+
+def test_double_precision_equals_host():
+    rng = np.random.default_rng(6)
+    with jax.enable_x64(True):
+        twin = jax.jit(lambda p, m: kmeans(p, m, **PARTS, solver="jax"))
+        for _ in range(5):
+            points, members = make_generic(rng, 40, 8, 6)
+            points = jnp.asarray(points, jnp.float64)
+            labels = twin(points, jnp.asarray(members))
+            assert labels.dtype == jnp.int32
+            for own, inside in zip(np.asarray(labels), members, strict=True):
+                if inside.any():
+                    expected, _ = cluster_points(np.asarray(points)[inside], 4, 5, 2, 0)
+                    np.testing.assert_array_equal(own[inside], expected)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -147,3 +167,8 @@ def test_rejected_words_are_skipped():
 def test_product_of_words(left, right):
     upper, lower = _multiply(*(jnp.asarray(np.uint32(x)) for x in (left, right)))
     assert (int(upper) << 32) + int(lower) == left * right
+
+
+def test_unknown_solver_is_named():
+    with pytest.raises(ConfigError, match="'gpu' is unknown; use 'host' or 'jax'"):
+        kmeans(jnp.zeros((2, 2)), jnp.ones((1, 2), bool), **PARTS, solver="gpu")

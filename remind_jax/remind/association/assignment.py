@@ -18,7 +18,7 @@ from remind_jax.remind.association.gating import ContextVerdict, Pairs, gate_pai
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.stages import Lock
 from remind_jax.remind.thresholds.association import Matching
-from remind_jax.solvers.assignment_in_graph import assign_in_graph
+from remind_jax.solvers.assignment import assign
 from remind_jax.solvers.greedy import assign_greedily
 from remind_jax.static import Static
 
@@ -62,7 +62,9 @@ def associate(
     if static.switches.assignment == "greedy":
         column = assign_greedily(pairs.score_assign, allowed, dummy, t.dummies)
     else:
-        column = assign_in_graph(pairs.score_assign, allowed, class_id, dummy, t.dummies)
+        column = assign(
+            pairs.score_assign, allowed, class_id, dummy, t.dummies, solver=static.solver
+        )
     final, visual = pick_in_rows(column, pairs.score_final, score)
     accepted = (column != NO_SLOT) & (final >= t.match) & (visual >= t.min_visual)
     solved = jnp.where(accepted, column, NO_SLOT)  # method.md#acceptance

@@ -23,7 +23,7 @@ from remind_jax.numerics.ranks import count_before
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.memory.writing import find_writers, write_column
 from remind_jax.remind.thresholds.outcome import Pending as Rules
-from remind_jax.solvers.assignment_in_graph import assign_in_graph
+from remind_jax.solvers.assignment import assign
 
 _TINY = 1e-12
 
@@ -122,6 +122,8 @@ def join_tracks(
     items: Items,
     visual: Float[Array, "N P"],
     rules: Rules,
+    *,
+    solver: str,
 ) -> Int[Array, "N"]:
     """Finds the track that each undecided detection continues, -1 for none.
 
@@ -138,7 +140,7 @@ def join_tracks(
 
     def solve() -> Int[Array, "N"]:
         pairs = (affinity[:, age], valid[:, age], group, nothing, jnp.zeros((), bool))
-        column = assign_in_graph(*pairs, same[:, age])
+        column = assign(*pairs, same[:, age], solver=solver)
         return jnp.where(column == NO_SLOT, NO_SLOT, age[column])
 
     def skip() -> Int[Array, "N"]:

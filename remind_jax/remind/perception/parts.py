@@ -16,7 +16,7 @@ from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import unit
 from remind_jax.observation import PatchAttention
 from remind_jax.remind.thresholds.perception import AttentionParts, Perception
-from remind_jax.solvers.clustering_in_graph import cluster_in_graph
+from remind_jax.solvers.clustering import kmeans
 from remind_jax.static import Static
 
 
@@ -38,14 +38,14 @@ def cluster_parts(
     """
     t = thresholds
     norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
-    labels, _ = cluster_in_graph(
+    labels = kmeans(
         features / norm,
         members & t.parts_enabled,
-        jnp.full(len(members), static.switches.part_clusters, jnp.int32),
         clusters=static.switches.part_clusters,
         iterations=static.switches.part_iterations,
         restarts=static.switches.part_restarts,
         seed=static.switches.part_seed,
+        solver=static.solver,
     )
     inside = labels[:, None, :] == jnp.arange(static.switches.part_clusters)[:, None]
     weights = weigh_patches(inside, coverage, static.switches.part_weighted)

@@ -15,7 +15,7 @@ from remind_jax.numerics.pooling import TINY, dot
 from remind_jax.numerics.rounding import unit
 from remind_jax.observation import RingPatches
 from remind_jax.remind.thresholds.perception import RingPrototypes
-from remind_jax.solvers.clustering_in_graph import cluster_in_graph
+from remind_jax.solvers.clustering import kmeans_with_centers
 from remind_jax.static import Static
 
 _ROUNDING = 5e-7  # of float32 inner products of unit vectors
@@ -60,7 +60,7 @@ def _describe_ring(
     """Prototypes of one ring of every detection."""
     clusters = max(static.switches.ring_clusters)
     wanted = _count_clusters(jnp.sum(members, axis=1), static, t)
-    labels, centers = cluster_in_graph(
+    labels, centers = kmeans_with_centers(
         points,
         members,
         wanted,
@@ -68,6 +68,7 @@ def _describe_ring(
         iterations=static.switches.ring_iterations,
         restarts=static.switches.ring_restarts,
         seed=seed,
+        solver=static.solver,
     )
     # A ring without any background in its patches counts them whole.
     weightless = jnp.sum(jnp.where(members, weights, 0.0), axis=1, keepdims=True) <= TINY

@@ -45,6 +45,7 @@ STATIC = make_static(
     feature_dim=2,
     num_candidates=SLOTS,
     precision="float64",
+    solver="host",  # quicker to compile
 )
 CONTEXT = ("bonus_raw", "score_sets", "support", "compat_rel", "compat_band", "kernel_raw")
 

@@ -6,6 +6,7 @@ Rules: method.md#pending-joins, method.md#birth-origins.
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -156,11 +157,11 @@ def advance(pool: Pool, items: list[Track], visual, t: Pending) -> list[int]:
     return ids
 
 
-@jax.jit
-def step(tracks, items, visual, births, support, rules):
+@functools.partial(jax.jit, static_argnames="solver")
+def step(tracks, items, visual, births, support, rules, solver):
     ended = claim_origins(tracks, births, items.class_id, support, rules)
     tracks = end_tracks(tracks, ended)
-    joined = join_tracks(tracks, items, visual, rules)
+    joined = join_tracks(tracks, items, visual, rules, solver=solver)
     slot, needed = open_tracks(tracks, items, joined)
     waiting = items.kind != Kind.FREE
     slot = jnp.where(waiting, slot, SLOTS)
@@ -254,7 +255,9 @@ def test_tracks_equal_plain_lists(setting, tied):
                 for n in range(NUM)
             ]
             expected = advance(pool, items, seen, t)
-            tracks, ids, needed = step(tracks, arrays, visual, births, arrays.known_id, rules)
+            tracks, ids, needed = step(
+                tracks, arrays, visual, births, arrays.known_id, rules, solver="jax"
+            )
             assert ids.tolist() == expected, (setting, seed)
             assert needed == len(pool.tracks) <= SLOTS
             occurred |= {"claimed"} if len(pool.tracks) < before else set()

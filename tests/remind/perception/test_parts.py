@@ -6,7 +6,7 @@ import pytest
 from remind_jax.remind.perception.parts import cluster_parts
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.perception import Perception
-from tests.solvers.on_host import cluster_points
+from remind_jax.solvers.clustering import cluster_points
 from tests.statics import make_static
 
 STATIC = make_static(part_clusters=4, part_iterations=5, part_restarts=2)
