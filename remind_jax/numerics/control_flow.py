@@ -9,11 +9,13 @@ is computed for all and chosen by `jnp.where`. `jax.lax.cond` and `while_loop` a
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
@@ -44,7 +46,7 @@ def branch(
     def choose() -> T:
         return then() if suits_all else _choose_in_batch(pred, then(), otherwise())
 
-    return jax.lax.cond(batch_max(pred), choose, otherwise)
+    return lax.cond(batch_max(pred), choose, otherwise)
 
 
 def repeat(more: Callable[[T], Bool[Array, ""]], turn: Callable[[T], T], start: T) -> T:
@@ -56,7 +58,7 @@ def repeat(more: Callable[[T], Bool[Array, ""]], turn: Callable[[T], T], start: 
         is applied to all members until the last one is done.
       start: The state before the first turn; `turn` keeps its structure, shapes and types.
     """
-    return jax.lax.while_loop(lambda state: batch_max(more(state)), turn, start)
+    return lax.while_loop(lambda state: batch_max(more(state)), turn, start)
 
 
 def count_up(
@@ -77,7 +79,53 @@ def count_up(
     def take(number: Int[Array, ""], state: T) -> T:
         return _choose_in_batch(number < stop, turn(number, state), state)
 
-    return jax.lax.fori_loop(first, batch_max(stop), take, start)
+    return lax.fori_loop(first, batch_max(stop), take, start)
+
+
+def in_turn(needed: Bool[Array, ""], function: Callable[..., T], *given: Any) -> T:
+    """`function(*given)`; each member of a batch that needs it by itself, others get zeros.
+
+    For what has loops of its own: a batch goes one after the other through the members that need
+    it, and each takes its own turns, as many as they are.
+
+    Args:
+      needed: Whether anybody reads the result.
+      function: Takes all that it needs as arguments.
+      *given: These arguments, trees of arrays.
+    """
+
+    @custom_vmap
+    def run(needed: Array, *given: Any) -> T:
+        del needed
+        return function(*given)
+
+    @run.def_vmap
+    def run_in_batch(
+        size: int, is_batched: Sequence[Any], needed: Array, *given: Any
+    ) -> tuple[T, Any]:
+        def pick(member: Array | int, leaf: Array, own: bool) -> Array:
+            return lax.dynamic_index_in_dim(leaf, member, keepdims=False) if own else leaf
+
+        def of_member(member: Array | int) -> Any:
+            return jax.tree.map(functools.partial(pick, member), given, tuple(is_batched[1:]))
+
+        needed = give_axis(needed, is_batched[0], size)
+        order = jnp.argsort(~needed, stable=True)
+
+        def turn(k: Array, results: T) -> T:
+            found = function(*of_member(order[k]))
+            return jax.tree.map(
+                lambda all_of, one: lax.dynamic_update_index_in_dim(all_of, one, order[k], 0),
+                results,
+                found,
+            )
+
+        shapes = jax.eval_shape(lambda: function(*of_member(0)))
+        nothing = jax.tree.map(lambda leaf: jnp.zeros((size, *leaf.shape), leaf.dtype), shapes)
+        results = lax.fori_loop(0, jnp.sum(needed), turn, nothing)
+        return results, jax.tree.map(lambda _: True, results)
+
+    return run(needed, *jax.tree.map(jnp.asarray, given))
 
 
 @custom_vmap

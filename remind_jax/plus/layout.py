@@ -17,16 +17,20 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Shaped
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.control_flow import in_turn
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Evidence, OwnEvidence, Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.plane import squared_length
-from remind_jax.plus.slots import look_up
+from remind_jax.plus.slots import count_before, look_up, rows_of
 from remind_jax.plus.state import NO_RELATION, Objects, Pairs
 from remind_jax.plus.static import NUM_CANDIDATES, NUM_WITNESSES
 from remind_jax.plus.vacancy import find_gone
+
+_KINDS = 4  # of what a party says of a candidate
 
 
 @jax.tree_util.register_dataclass
@@ -61,70 +65,116 @@ def weigh_jointly(
       frame: Number of this frame.
       t: Weights.
     """
-    width = shortlist.slot.shape[1]
-    # A party is what a detection may be: its candidates, or the one object of an anchor.
-    first = jnp.arange(width) == 0
-    party = jnp.where(is_anchor[:, None], anchor[:, None], shortlist.slot)
-    present = jnp.where(is_anchor[:, None], first, shortlist.valid)
-
-    others = _Others(sightings, jnp.any(present, axis=1))
-    o, p = shortlist.slot[:, :, None, None], others.of(party)[:, None]
-    usable = shortlist.valid[:, :, None, None] & others.of(present)[:, None]
-    usable &= others.is_other[:, None, :, None] & (o != p)
-    covisible = _covisible_evidence(o, p, others, objects, pairs, frame, t.layout)
-    spread = look_up(pairs.spread, o, p)
-    related = usable & (spread < NO_RELATION)
-    layout = _layout_evidence(
-        look_up(pairs.relation, o, p), spread, look_up(pairs.log_ratio, o, p), others, t.layout
-    )
-    # Products with the weights of the parties: what they say, and how many they are.
-    asked = jnp.stack(
-        [jnp.where(related, layout, 0.0), jnp.where(usable, covisible, 0.0), related, usable],
-        axis=1,
-    )
-
-    base, place = shortlist.base, shortlist.evidence.place
     # What looks wrong is no witness for the others: where a new arrangement lies like an old one,
     # its members would otherwise talk each other into being known. A rare class tells as looks do.
     looks = shortlist.evidence.looks
     looks += t.layout.witness_class * _class_rarity(sightings.class_id, objects)[:, None]
-    credible = jax.nn.sigmoid(t.layout.witness_slope * (looks + t.layout.witness))
     is_gone = find_gone(anchor, is_anchor, sightings, pairs, t.layout)[shortlist.slot]
-    moved = jnp.where(is_gone, t.layout.moved_gone, t.layout.moved)
+    first = jnp.arange(shortlist.slot.shape[1]) == 0
+    rows = _Rows(
+        slot=shortlist.slot,
+        valid=shortlist.valid,
+        base=shortlist.base,
+        place=shortlist.evidence.place,
+        moved=jnp.where(is_gone, t.layout.moved_gone, t.layout.moved),
+        credible=jax.nn.sigmoid(t.layout.witness_slope * (looks + t.layout.witness)),
+        is_anchor=is_anchor,
+        party=jnp.where(is_anchor[:, None], anchor[:, None], shortlist.slot),
+        present=jnp.where(is_anchor[:, None], first, shortlist.valid),
+        center=sightings.center,
+        size=sightings.size,
+        touches=sightings.touches,
+    )
+    given = rows, objects.seen, pairs, frame, t.layout, t.decision.new
+    around, belief = in_turn(jnp.any(shortlist.valid), _weigh, *given)
+    evidence = Evidence(**vars(shortlist.evidence), **around._asdict())
+    weighed = Weighed(shortlist.base + sum(around), belief, evidence)
+    return jax.tree.map(lambda leaf: jnp.where(shortlist.valid, leaf, 0.0), weighed)
+
+
+class _Rows(NamedTuple):
+    """What weighing together needs of the detections.
+
+    A party is what a detection may be: its candidates, or the one object of an anchor.
+    """
+
+    slot: Int[Array, "N C"]  # of each candidate
+    valid: Bool[Array, "N C"]
+    base: Float[Array, "N C"]  # log odds of what it has alone
+    place: Float[Array, "N C"]
+    moved: Float[Array, "N C"]  # log odds of what lies wrong
+    credible: Float[Array, "N C"]  # how much it speaks for others, by its looks
+    is_anchor: Bool[Array, "N"]
+    party: Int[Array, "N C"]  # slot of each party
+    present: Bool[Array, "N C"]
+    center: Float[Array, "N 2"]
+    size: Float[Array, "N"]
+    touches: Bool[Array, "N"]
+
+
+def _weigh(
+    rows: _Rows,
+    seen: Int[Array, "O"],
+    pairs: Pairs,
+    frame: Int[Array, ""],
+    t: th.Layout,
+    new: Float[Array, ""],
+) -> tuple[_Around, Float[Array, "N C"]]:
+    """What the others say of each candidate, and how far it is believed."""
+    num, width = rows.slot.shape
+    first = jnp.arange(width) == 0
+    # Only open rows ask, one after the other: often few of many.
+    is_open = jnp.any(rows.valid, axis=1)
+    open_row, num_open = rows_of(count_before(is_open), is_open, num), jnp.sum(is_open)
+    num_asked = min(num, NUM_WITNESSES)
+    asked = jnp.zeros((num, num_asked), jnp.int32)
+    said = jnp.zeros((num, _KINDS * width, num_asked * width), jnp.float32)
+
+    def hear(k: Array, heard: tuple[Array, Array]) -> tuple[Array, Array]:
+        n = open_row[k]
+        others = _nearest(n, rows, num_asked)
+        row = _say(n, others, rows, seen, pairs, frame, t)
+        return heard[0].at[n].set(others), heard[1].at[n].set(row)
+
+    asked, said = lax.fori_loop(0, num_open, hear, (asked, said))
 
     def ask(weight: Float[Array, "N C"]) -> _Around:
-        lies, companions, num_related, num_usable = others.sum(asked, weight)
-        lies = lies * _share(num_related, t.layout.partners)
-        lies = t.layout.weight * jnp.clip(lies, -t.layout.best, t.layout.best)
-        companions = companions * _share(num_usable, t.layout.covisible_partners)
-        companions = t.layout.covisible_weight * companions
+        def add_up(k: Array, sums: Array) -> Array:
+            n = open_row[k]
+            weights = weight[asked[n]].reshape(-1)
+            return sums.at[n].set(jnp.matmul(said[n], weights, precision="highest"))
+
+        sums = lax.fori_loop(0, num_open, add_up, jnp.zeros(said.shape[:2], jnp.float32))
+        by_kind = jnp.moveaxis(sums.reshape(num, _KINDS, width), 1, 0)
+        lies, companions, num_related, num_usable = by_kind
+        lies = lies * _share(num_related, t.partners)
+        lies = t.weight * jnp.clip(lies, -t.best, t.best)
+        companions = companions * _share(num_usable, t.covisible_partners)
+        companions = t.covisible_weight * companions
         # Whatever lies wrong may have been moved: looks can still show it.
-        given_back = jnp.clip(place + lies, moved, t.layout.most) - (place + lies)
+        given_back = jnp.clip(rows.place + lies, rows.moved, t.most) - (rows.place + lies)
         return _Around(lies, companions, given_back)
 
     def believe(odds: Float[Array, "N C"], handicap: Array) -> Float[Array, "N C"]:
-        new = t.decision.new - handicap
-        odds = jnp.where(shortlist.valid, odds, -jnp.inf)
-        most = jnp.maximum(jnp.max(odds, axis=1, keepdims=True), new)
+        new_odds = new - handicap
+        odds = jnp.where(rows.valid, odds, -jnp.inf)
+        most = jnp.maximum(jnp.max(odds, axis=1, keepdims=True), new_odds)
         likely = jnp.exp(odds - most)
-        return likely / (jnp.sum(likely, axis=1, keepdims=True) + jnp.exp(new - most))
+        return likely / (jnp.sum(likely, axis=1, keepdims=True) + jnp.exp(new_odds - most))
 
     def reconsider(k: Array, before: tuple[_Around, Array]) -> tuple[_Around, Array]:
         around, _ = before
-        goes_on = k < t.layout.rounds
-        handicap = jnp.where(goes_on, t.layout.optimism * (1.0 - k / t.layout.rounds), 0.0)
-        belief = believe(base + sum(around), handicap)
-        weight = jnp.where(is_anchor[:, None], 1.0 * first, credible * belief)
-        told = ask(jnp.where(present, weight, 0.0))
+        goes_on = k < t.rounds
+        handicap = jnp.where(goes_on, t.optimism * (1.0 - k / t.rounds), 0.0)
+        belief = believe(rows.base + sum(around), handicap)
+        weight = jnp.where(rows.is_anchor[:, None], 1.0 * first, rows.credible * belief)
+        told = ask(jnp.where(rows.present, weight, 0.0))
         return jax.tree.map(lambda now, old: jnp.where(goes_on, now, old), told, around), belief
 
-    nothing = jnp.zeros_like(base)
+    nothing = jnp.zeros_like(rows.base)
     # What is believed in the end is one more turn, in which nobody is asked again.
     start = _Around(nothing, nothing, nothing), nothing
-    around, belief = jax.lax.fori_loop(0, t.layout.rounds + 1, reconsider, start)
-    evidence = Evidence(**vars(shortlist.evidence), **around._asdict())
-    weighed = Weighed(base + sum(around), belief, evidence)
-    return jax.tree.map(lambda leaf: jnp.where(shortlist.valid, leaf, 0.0), weighed)
+    return lax.fori_loop(0, t.rounds + 1, reconsider, start)
 
 
 class _Around(NamedTuple):
@@ -144,67 +194,82 @@ def nothing_weighed(num: int) -> tuple[Shortlist, Weighed]:
     return Shortlist(slot, valid, blank, blank, own), Weighed(blank, blank, everything)
 
 
-class _Others:
-    """The detections that each one asks, `W`: all, or the nearest of them where many are in view.
+def _nearest(n: Int[Array, ""], rows: _Rows, most: int) -> Int[Array, "W"]:
+    """The detections that one asks: all, or the nearest that have anything to say.
 
     So a frame of many detections takes time and memory by their number, not by its square.
     """
+    num = len(rows.size)
+    index = jnp.arange(num, dtype=jnp.int32)
+    if num <= most:
+        return index
+    askable = jnp.any(rows.present, axis=1) & (index != n)
+    apart = squared_length(rows.center - rows.center[n])
+    return lax.top_k(jnp.where(askable, -apart, -jnp.inf), most)[1]
 
-    def __init__(self, sightings: Sightings, speaks: Bool[Array, "N"]) -> None:
-        """`speaks`: detections that have anything to say."""
-        center, size, touches = sightings.center, sightings.size, sightings.touches
-        row = jnp.arange(len(size))
-        self._near: Int[Array, "N W"] | None = None
-        if len(size) > NUM_WITNESSES:
-            apart = squared_length(center[None] - center[:, None])
-            askable = speaks[None] & (row[:, None] != row[None])
-            nearest = jnp.where(askable, -apart, -jnp.inf)
-            self._near = jax.lax.top_k(nearest, NUM_WITNESSES)[1]
-        self.is_other = row[:, None] != self.of(row)
-        self.offset = self.of(center) - center[:, None]
-        self.squared = squared_length(self.offset)
-        self.scale = jnp.sqrt(size)[:, None] * jnp.sqrt(self.of(size))
-        self.log_ratio = jnp.log(size)[:, None] - jnp.log(self.of(size))
-        self.border = touches[:, None] | self.of(touches)
 
-    def of(self, values: Shaped[Array, "N *more"]) -> Shaped[Array, "#N W *more"]:
-        """Values of the detections that each one asks."""
-        values = jnp.asarray(values)
-        return values[None] if self._near is None else values[self._near]
+def _say(
+    n: Int[Array, ""],
+    others: Int[Array, "W"],
+    rows: _Rows,
+    seen: Int[Array, "O"],
+    pairs: Pairs,
+    frame: Int[Array, ""],
+    t: th.Layout,
+) -> Float[Array, "KC WC"]:
+    """What every party of the others says of every candidate of one row.
 
-    def sum(
-        self, said: Float[Array, "N K C W C"], weight: Float[Array, "N C"]
-    ) -> Float[Array, "K N C"]:
-        """Sums of what all of them say, each by its weight."""
-        num, kinds, width = said.shape[:3]
-        if self._near is None:
-            flat = said.reshape(num * kinds * width, num * width)
-            summed = jnp.matmul(flat, weight.reshape(-1), precision="highest")
-        else:
-            flat = said.reshape(num, kinds * width, NUM_WITNESSES * width)
-            weights = self.of(weight).reshape(num, -1)
-            summed = jnp.einsum("nhp,np->nh", flat, weights, precision="highest")
-        return jnp.moveaxis(summed.reshape(num, kinds, width), 1, 0)
+    Kinds `K`: how it lies, whether it is company, and whether it says either.
+    """
+    m, size, touches = others[:, None], rows.size, rows.touches
+    beside = _Beside(
+        offset=rows.center[m] - rows.center[n],
+        scale=jnp.sqrt(size[n]) * jnp.sqrt(size[m]),
+        log_ratio=jnp.log(size[n]) - jnp.log(size[m]),
+        border=touches[n] | touches[m],
+    )
+    o, p = rows.slot[n][:, None, None], rows.party[others]
+    usable = rows.valid[n][:, None, None] & rows.present[others]
+    usable &= (m != n) & (o != p)
+    spread = look_up(pairs.spread, o, p)
+    related = usable & (spread < NO_RELATION)
+    layout = _layout_evidence(
+        look_up(pairs.relation, o, p), spread, look_up(pairs.log_ratio, o, p), beside, t
+    )
+    covisible = _covisible_evidence(
+        look_up(pairs.covisible, o, p), seen[o], seen[p], beside, frame, t
+    )
+    said = [jnp.where(related, layout, 0.0), jnp.where(usable, covisible, 0.0), related, usable]
+    return jnp.stack(said).reshape(_KINDS * len(o), -1)
+
+
+class _Beside(NamedTuple):
+    """How the others lie from the one that asks."""
+
+    offset: Float[Array, "W 1 2"]
+    scale: Float[Array, "W 1"]  # geometric mean of the sizes
+    log_ratio: Float[Array, "W 1"]
+    border: Bool[Array, "W 1"]  # one of them touches it
 
 
 def _layout_evidence(
-    relation: Float[Array, "N C W C 2"],
-    spread: Float[Array, "N C W C"],
-    log_ratio: Float[Array, "N C W C"],
-    others: _Others,
+    relation: Float[Array, "C W C 2"],
+    spread: Float[Array, "C W C"],
+    log_ratio: Float[Array, "C W C"],
+    beside: _Beside,
     t: th.Layout,
-) -> Float[Array, "N C W C"]:
+) -> Float[Array, "C W C"]:
     """Does the one lie from the other as these objects do? In sizes, so from afar as well."""
-    border, scale = others.border[:, None, :, None], others.scale[:, None, :, None]
+    border, scale = beside.border, beside.scale
     error = relation_error(relation, spread, border, t)
-    off = (others.offset / others.scale[..., None])[:, None, :, None] - relation
+    off = beside.offset / scale[..., None] - relation
     squared = squared_length(off) * scale**2
     variance = (error * scale) ** 2
     odds = mix(squared, variance, t.lost, t.least_doubt, jnp.float32(0), th.FRAME_AREA)
     odds = jnp.clip(odds, -t.pair_best, t.pair_best)
 
     ratio_error = jnp.where(border, t.ratio_error_border, t.ratio_error)
-    off_ratio = (others.log_ratio[:, None, :, None] - log_ratio) ** 2
+    off_ratio = (beside.log_ratio - log_ratio) ** 2
     ratio_odds = -jnp.log(ratio_error) - off_ratio / (2 * ratio_error**2) + off_ratio / 2
     # What may have moved may have come nearer.
     known = 1.0 / (1.0 + (spread / t.ratio_spread) ** 2)
@@ -220,23 +285,22 @@ def _class_rarity(class_id: Int[Array, "N"], objects: Objects) -> Float[Array, "
 
 
 def _covisible_evidence(
-    o: Int[Array, "N C 1 1"],
-    p: Int[Array, "#N 1 W C"],
-    others: _Others,
-    objects: Objects,
-    pairs: Pairs,
+    covisible: Float[Array, "C W C"],
+    seen: Int[Array, "C 1 1"],
+    seen_party: Int[Array, "W C"],
+    beside: _Beside,
     frame: Int[Array, ""],
     t: th.Layout,
-) -> Float[Array, "N C W C"]:
+) -> Float[Array, "C W C"]:
     """Are these objects seen together more often than by chance?"""
-    together = look_up(pairs.covisible, o, p) + 0.5
-    frames = jnp.minimum(objects.seen[o], objects.seen[p]) + 3.0
+    together = covisible + 0.5
+    frames = jnp.minimum(seen, seen_party) + 3.0
     # What is always in view is beside everybody; what came with another memory may be older.
-    usual = jnp.minimum(jnp.maximum(objects.seen[o], objects.seen[p]) / jnp.maximum(frame, 1), 1.0)
+    usual = jnp.minimum(jnp.maximum(seen, seen_party) / jnp.maximum(frame, 1), 1.0)
     odds = jnp.log(together / frames / jnp.maximum(t.covisible_typical, usual))
     odds = jnp.clip(odds, -t.covisible_best, t.covisible_best)
     # The absence of a companion means little far away from it.
-    nearness = jnp.exp(-others.squared / (2 * t.near**2))[:, None, :, None]
+    nearness = jnp.exp(-squared_length(beside.offset) / (2 * t.near**2))
     return jnp.where(odds < 0, odds * nearness, odds)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.numerics.control_flow import branch, count_up, repeat
+from remind_jax.numerics.control_flow import branch, count_up, in_turn, repeat
 
 
 def _choose(pred, x, y):
@@ -132,3 +132,20 @@ def test_what_suits_all_is_taken_by_all():
     # Nothing chooses between both any more.
     assert "select_n" in str(jax.make_jaxpr(jax.vmap(_choose, (0, 0, None)))(pred, x, 1.0))
     assert "select_n" not in str(jax.make_jaxpr(jax.vmap(negate))(pred, x))
+
+
+def _root_in_turn(needed, x, shared):
+    """Halves x until it is below a shared number, where needed."""
+
+    def halve(x, shared):
+        return {"value": jax.lax.while_loop(lambda y: y >= shared, lambda y: y / 2, x)}
+
+    return in_turn(needed, halve, x, shared)
+
+
+@given(st.lists(st.booleans(), min_size=5, max_size=5))
+def test_members_in_turn_equal_single_ones(needed):
+    x = np.array([1, 3, 50, 7, 9], np.float32)
+    got = jax.vmap(_root_in_turn, (0, 0, None))(np.array(needed), x, np.float32(2))["value"]
+    assert _root_in_turn(np.True_, x[2], np.float32(2))["value"] == 1.5625
+    np.testing.assert_array_equal(got, np.where(needed, [1, 1.5, 1.5625, 1.75, 1.125], 0))

@@ -110,3 +110,10 @@ def test_in_a_crowd_the_nearest_are_asked(monkeypatch):
     fewer = ask(1)
     assert np.all(fewer < everyone - 1), "one neighbor says less than four"
     assert np.all(fewer > 0.5), "but it is heard"
+
+
+def test_a_batch_is_weighed_as_its_members_alone():
+    looks, still = np.array([0.5, -1.0, 3.0], np.float32), np.zeros(2, np.float32)
+    alone = [weigh(looks=one, witness=0.5) for one in looks]
+    in_batch = jax.jit(jax.vmap(lambda one: weigh_anew(one, 0.5, still, False)[0]))
+    np.testing.assert_allclose(in_batch(looks), alone, rtol=1e-5)
