@@ -23,12 +23,10 @@ test-slow: $(VENV)/.dev  ## the slow tests, and properties with ten times as man
 docs-check: $(VENV)/.dev  ## pages: their links, what they name, what code cites of them
 	$(BIN)/python -m pytest -q -m prose tests/test_architecture.py tests/test_citations.py tests/test_docs.py
 
-first-command: $(VENV)/.dev  ## the demo with oldest and newest versions, on the oldest and the newest Python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+first-command: $(BIN)/uv  ## the demo with oldest and newest versions, on the oldest and the newest Python
 	UV=$(CURDIR)/$(BIN)/uv tests/first_command.sh
 
-test-matrix: $(VENV)/.dev  ## a share of the tests with oldest and newest versions, on every Python there is
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+test-matrix: $(VENV)/.dev $(BIN)/uv  ## a share of the tests with oldest and newest versions, on every Python there is
 	UV=$(BIN)/uv tests/matrix.sh
 
 fuzz: $(VENV)/.dev  ## changed files of every format, for an hour (make fuzz SECONDS=300)
@@ -76,6 +74,9 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' || \
 		{ echo "remind-jax needs Python 3.11 to 3.14; name one: make PYTHON=python3.12 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
+
+$(BIN)/uv: | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
 
 $(VENV)/.core: pyproject.toml | $(BIN)/python
 	@echo "installing remind-jax and what it needs into $(VENV), once; it usually takes a minute"

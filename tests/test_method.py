@@ -153,7 +153,7 @@ def test_wrong_names_are_refused(counter):
 @pytest.fixture(
     params=[
         "iou",  # quick to compile
-        pytest.param("plus", marks=pytest.mark.heavy),
+        pytest.param("plus", marks=pytest.mark.slow),
         pytest.param("remind", marks=pytest.mark.slow),
     ]
 )
@@ -196,6 +196,9 @@ def test_what_is_around_a_method_is_called_once_a_frame_live(counted):
     assert called(counted) == (3, 3)
 
 
+@pytest.mark.parametrize(
+    "counted", ["iou", pytest.param("plus", marks=pytest.mark.heavy)], indirect=True
+)
 def test_what_is_around_a_method_is_called_once_a_frame_in_a_run(counted):
     assert rj.run(scene_of_squares(), tracker="counted").complete
     assert called(counted) == (3, 3)

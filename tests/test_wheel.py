@@ -1,4 +1,4 @@
-"""What is installed is what was built: a wheel and a source archive, used from elsewhere."""
+"""What is built: a wheel and a source archive; `first_command.sh` installs and uses the wheel."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import tarfile
 import zipfile
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -74,49 +72,3 @@ def test_the_source_archive_can_be_tested(built):
         names = {name.partition("/")[2] for name in file.getnames()}
     assert {"pyproject.toml", "LICENSE", "README.md", "tests/conftest.py", "Makefile"} <= names
     assert not [name for name in names if "__pycache__" in name or name.startswith(".venv")]
-
-
-def write_pictures(folder: Path) -> None:
-    """Four pictures with one patterned square, and its masks."""
-    draw = np.random.default_rng(0)
-    square = draw.integers(0, 255, (32, 32, 3), np.uint8)
-    for name in ("images", "masks"):
-        (folder / name).mkdir()
-    for index in range(4):
-        picture, mask = np.full((96, 128, 3), 90, np.uint8), np.zeros((96, 128), np.uint8)
-        picture[20:52, 30 + index : 62 + index] = square
-        mask[20:52, 30 + index : 62 + index] = 1
-        cv2.imwrite(str(folder / "images" / f"{index}.png"), picture)
-        cv2.imwrite(str(folder / "masks" / f"{index}.png"), mask)
-
-
-def test_the_wheel_works_away_from_the_sources(wheel, tmp_path):
-    site, work = tmp_path / "site", tmp_path / "work"
-    work.mkdir()
-    pip = (sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", site)
-    call(*pip, wheel, cwd=work)
-    path = {"PYTHONPATH": str(site)}
-    place = "import remind_jax; print(remind_jax.__file__)"
-    assert call(sys.executable, "-c", place, cwd=work, **path).startswith(str(site))
-    command = (sys.executable, "-m", "remind_jax.cli.main")
-    assert "published" in call(*command, "config", "list", cwd=work, **path)
-    write_pictures(work)
-    tour = ("images", "--masks", "masks", "--out", "out")
-    said = call(*command, "run", *tour, "--quiet", "--json", cwd=work, **path)
-    assert '"frames"' in said
-    assert (work / "out" / "report.html").stat().st_size > 10_000
-
-
-@pytest.mark.slow
-def test_a_bare_environment_needs_two_commands(wheel, tmp_path):
-    call(sys.executable, "-m", "venv", tmp_path / "env", cwd=tmp_path)
-    python = tmp_path / "env" / "bin" / "python"
-    call(python, "-m", "pip", "install", "--quiet", wheel, cwd=tmp_path)
-    call(tmp_path / "env" / "bin" / "remind", "demo", cwd=tmp_path, PYTHONPATH="")
-    first = (
-        "import numpy as np, remind_jax as rj; "
-        "image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), np.uint8); "
-        "masks = np.zeros((1, 96, 128), bool); masks[0, 16:80, 32:96] = True; "
-        "print(rj.Tracker().update(image, masks).object_id[0])"
-    )
-    assert call(python, "-c", first, cwd=tmp_path, PYTHONPATH="").strip() == "0"

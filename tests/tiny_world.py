@@ -6,8 +6,7 @@ three looks. Which boxes are in view, where exactly and how they look is drawn f
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -70,11 +69,11 @@ Frame = tuple[FrameFeats, Masks]
 def _step(state: Any, feats: Any, masks: Any, *, static: Static, thresholds: Any) -> Any:
     options = {"static": static, "thresholds": thresholds}
     after, trace = METHOD.decide(state, METHOD.describe(feats, masks, None, **options), **options)
-    return settle_types(after), trace.stages
+    return settle_types(after), trace
 
 
 # The step as it runs in use, but for the donation of the old state, which tests still look at, and
-# with the stages of the decisions.
+# with what the decisions were made of.
 STEP = jax.jit(_step, static_argnames="static")
 
 
@@ -178,24 +177,23 @@ def follow(
     state: TrackerState | None = None,
 ) -> list[tuple[TrackerState, Stages]]:
     """States after every frame, and the stages of its decisions, on the host."""
+    return [(after, told.stages) for after, told in trace(frames, static, thresholds, state)]
+
+
+def trace(
+    frames: Iterable[Frame],
+    static: Static = STATIC,
+    thresholds: Thresholds = THRESHOLDS,
+    state: TrackerState | None = None,
+) -> list[tuple[TrackerState, Trace]]:
+    """States after every frame, and what its decisions were made of, on the host."""
     state = settle_types(init(static) if state is None else state)
     arrays = thresholds.as_arrays(static.scalar)
     found = []
     for feats, masks in frames:
-        state, stages = STEP(state, feats, masks, static=static, thresholds=arrays)
-        found.append(jax.device_get((state, stages)))
+        state, told = STEP(state, feats, masks, static=static, thresholds=arrays)
+        found.append(jax.device_get((state, told)))
     return found
-
-
-@functools.cache
-def compiled_trace() -> Callable[..., tuple[TrackerState, Trace]]:
-    """A step that gives what its decisions were made of as well."""
-
-    def step(state: Any, feats: Any, masks: Any, *, static: Static, thresholds: Any) -> Any:
-        options = {"static": static, "thresholds": thresholds}
-        return METHOD.decide(state, METHOD.describe(feats, masks, None, **options), **options)
-
-    return jax.jit(step, static_argnames="static")
 
 
 def decided(state: TrackerState, stages: Stages | None = None) -> dict[str, np.ndarray]:

@@ -148,7 +148,8 @@ class LiveReader:
         if duration is None or self.origin is None:
             return feed.take()
         until = self.origin + duration
-        return feed.take(until) if time.monotonic() < until else None
+        arrival = feed.take(until) if time.monotonic() < until else None
+        return arrival if arrival is not None and arrival.arrived <= until else None
 
 
 class LiveSource(SampledSource):

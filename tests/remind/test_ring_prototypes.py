@@ -35,13 +35,7 @@ OBJECT, BACKGROUND, PARTS, RING_PROTOTYPES = range(4)
 @pytest.fixture(scope="module")
 def steps():
     """States and traces of a drawn sequence, on the host."""
-    stepper = world.compiled_trace()
-    thresholds = THRESHOLDS.as_arrays(STATIC.scalar)
-    state, seen = init(STATIC), []
-    for feats, masks in world.make_frames(NUM_FRAMES, seed=3):
-        state, trace = stepper(state, feats, masks, static=STATIC, thresholds=thresholds)
-        seen.append(jax.device_get((state, trace)))
-    return seen
+    return world.trace(world.make_frames(NUM_FRAMES, seed=3), STATIC, THRESHOLDS)
 
 
 @pytest.mark.slow

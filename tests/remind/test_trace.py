@@ -9,30 +9,28 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.remind.method import METHOD
 from remind_jax.remind.state import init
 from tests import tiny_world as world
 
-pytestmark = pytest.mark.heavy
 NUM_FRAMES = 24
 
 
 @pytest.fixture(scope="module")
 def steps():
     """States and traces of a drawn sequence, on the host."""
-    stepper = world.compiled_trace()
-    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
-    state, seen = init(world.STATIC), []
-    for feats, masks in world.make_frames(NUM_FRAMES, seed=3):
-        state, trace = stepper(state, feats, masks, static=world.STATIC, thresholds=thresholds)
-        seen.append(jax.device_get((state, trace)))
-    return seen
+    return world.trace(world.make_frames(NUM_FRAMES, seed=3))
 
 
+@pytest.mark.slow
 def test_tracing_changes_nothing(steps):
-    plain = world.run(world.make_frames(NUM_FRAMES, seed=3))
-    for state, (traced, _) in zip(plain, steps, strict=True):
+    plain = jax.jit(METHOD.step, static_argnames="static")
+    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
+    state = init(world.STATIC)
+    for frame, (traced, _) in zip(world.make_frames(NUM_FRAMES, seed=3), steps, strict=True):
+        state = plain(state, *frame, static=world.STATIC, thresholds=thresholds)
         # Two programs: the compiler may order sums otherwise, by a bit or two.
-        chex.assert_trees_all_close(traced, state, rtol=1e-7, atol=2e-6)
+        chex.assert_trees_all_close(traced, jax.device_get(state), rtol=1e-7, atol=2e-6)
 
 
 def rows_of(state):

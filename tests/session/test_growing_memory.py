@@ -40,7 +40,7 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
         static = {"num_detections": 4, "num_objects": num_objects, "num_pending": 4}
         tracker = Tracker({"tracker": "bank", "static": static})
         answers = []
-        for index in range(28):
+        for index in range(16):
             answers.append(tracker.update(*things(index)))
             tracker._memory.ahead.finish()
         return tracker, answers

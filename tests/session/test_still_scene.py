@@ -94,7 +94,7 @@ def patches_of(mask: np.ndarray) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "name", ["plus", pytest.param("remind", marks=pytest.mark.heavy), "bank", "running-mean", "iou"]
+    "name", ["plus", pytest.param("remind", marks=pytest.mark.slow), "bank", "running-mean", "iou"]
 )
 @FEW
 @given(image=st.one_of(textures, flat), masks=several_masks, same_class=st.booleans())
@@ -117,7 +117,7 @@ def test_momentum_keeps_an_object_that_has_no_like(image, mask):
     assert set(watch("momentum", image, mask[None], ["thing"]).ravel()) == {0}
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @FEW
 @given(
     image=textures,
@@ -135,7 +135,7 @@ def test_published_keeps_an_object_that_is_large_enough(image, top, left, bottom
     assert found == [0, 0, 0]
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_a_small_mask_between_patches_is_one_object():
     """The case that founded an object in every frame."""
     image = np.random.default_rng(0).integers(0, 255, (HEIGHT_PX, WIDTH_PX, 3), np.uint8)

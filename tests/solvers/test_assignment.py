@@ -20,7 +20,7 @@ from remind_jax.errors import ConfigError
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.solvers.assignment import assign, assign_groups
 
-SHAPES = ((1, 1), (3, 5), (6, 4), (16, 24))
+SHAPES = ((1, 1), (6, 4), (16, 24))
 
 
 @cache
@@ -95,7 +95,7 @@ def test_double_precision_equals_scipy():
     np.testing.assert_array_equal(result, [by_scipy(*p) for p in problems])
 
 
-@pytest.mark.parametrize("shape", [(5, 7), (7, 5), (6, 6)])
+@pytest.mark.parametrize("shape", SHAPES[1:])
 def test_one_group_is_one_call_of_scipy(shape):
     rng = np.random.default_rng(9)
     for _ in range(30):
@@ -119,9 +119,9 @@ def test_uncertain_row_gives_way():
 
 def test_invalid_score_ends():
     """SciPy refuses such a table; the twin leaves rows without a column, and comes back."""
-    scores = np.full((3, 4), np.nan, np.float32)
-    rest = np.ones((3, 4), bool), np.zeros(3, np.int32), np.zeros(3, np.float32), np.bool_(False)
-    assert twin()(scores, *rest).tolist() == [NO_SLOT] * 3
+    scores = np.full((6, 4), np.nan, np.float32)
+    rest = np.ones((6, 4), bool), np.zeros(6, np.int32), np.zeros(6, np.float32), np.bool_(False)
+    assert twin()(scores, *rest).tolist() == [NO_SLOT] * 6
 
 
 @pytest.mark.parametrize("swept", [False, True])

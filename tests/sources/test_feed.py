@@ -157,6 +157,7 @@ def test_stopping_wakes_who_waits_and_closes_the_source():
     assert feed.take() is not None
     threading.Timer(0.05, feed.stop).start()
     assert feed.take() is None
+    script.over.set()
     wait_for(lambda: script.closed > 0)
     assert feed.state == "ended"
 

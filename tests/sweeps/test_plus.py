@@ -102,17 +102,6 @@ def test_rows_are_the_scores_of_single_runs_whatever_the_capacities(scenes, alon
     assert len({row.scores["IDF1"] for rows in result.rows for row in rows}) > len(SETTINGS)
 
 
-@pytest.mark.heavy
-def test_a_baseline_is_swept_as_it_runs(scenes):
-    settings = [{"min_iou": value} for value in (0.1, 0.9)]
-    found = sweep(scenes[:1], settings, config={"tracker": "iou"})
-    for setting, (row,) in zip(settings, found.rows, strict=True):
-        result = rj.run(scenes[0], config={"tracker": "iou", "thresholds": setting})
-        scores = evaluate_tracks(result.tracks).scores()
-        # Single precision on the device.
-        assert row.scores["IDF1"] == pytest.approx(scores["IDF1"], abs=1e-5)
-
-
 def test_thresholds_are_those_of_the_method():
     with pytest.raises(ConfigError, match=r"'matching\.match' .* of tracker 'remind'"):
         sweep(SCENES, {"matching.match": [0.5]}, config="plus")

@@ -39,7 +39,7 @@ def test_changes_happen_while_the_camera_is_away():
         assert item.placements[0].position_m == twin.placements[0].position_m
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_two_hundred_objects_fit():
     options = SceneOptions(num_rooms=8, objects_per_room=25, frames=8, absence_frames=4, gap_m=0.01)
     assert len(make_scene(options).objects) == 200
