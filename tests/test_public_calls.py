@@ -45,6 +45,19 @@ def given(frame, detections=MASKS):
     return lambda: tracker().update(frame, detections)
 
 
+def given_frame(**changes):
+    return lambda: tracker().update(dataclasses.replace(FRAME, **changes))
+
+
+def given_raw(**changes):
+    return lambda: tracker().update(IMAGE, dataclasses.replace(create(MASKS), **changes))
+
+
+def run(**changes):
+    options = {"masks": np.zeros((2, 64, 96), int), "progress": False, **changes}
+    return lambda: rj.run(np.stack([IMAGE] * 2), **options)
+
+
 CALLS = {
     "update none": given(None),
     "update text": given("a"),
@@ -115,29 +128,19 @@ CALLS = {
     "select mask len": lambda: create(MASKS).select([True]),
     "select float": lambda: create(MASKS).select([0.5]),
     "select neg": lambda: create(MASKS).select([-3]),
-    "raw unequal": lambda: tracker().update(
-        IMAGE, dataclasses.replace(create(MASKS), labels=("a",))
-    ),
-    "raw scores NAN": lambda: tracker().update(
-        IMAGE, dataclasses.replace(create(MASKS), scores=np.array([NAN, 1], np.float32))
-    ),
-    "raw masks float": lambda: tracker().update(
-        IMAGE, dataclasses.replace(create(MASKS), masks=np.full((2, 64, 96), NAN))
-    ),
-    "frame index": lambda: tracker().update(dataclasses.replace(FRAME, index="a")),
-    "frame image": lambda: tracker().update(dataclasses.replace(FRAME, image="a")),
-    "frame image f": lambda: tracker().update(
-        dataclasses.replace(FRAME, image=IMAGE.astype(float))
-    ),
-    "frame det": lambda: tracker().update(dataclasses.replace(FRAME, detections="a")),
-    "frame feat": lambda: tracker().update(dataclasses.replace(FRAME, features=np.zeros(3))),
-    "frame feat grid": lambda: tracker().update(
-        dataclasses.replace(FRAME, features=np.zeros((2, 2, 64), np.float32))
-    ),
-    "frame feat text": lambda: tracker().update(dataclasses.replace(FRAME, features="a")),
-    "frame name": lambda: tracker().update(dataclasses.replace(FRAME, name=5)),
-    "frame time": lambda: tracker().update(dataclasses.replace(FRAME, time_s=NAN)),
-    "frame time text": lambda: tracker().update(dataclasses.replace(FRAME, time_s="a")),
+    "raw unequal": given_raw(labels=("a",)),
+    "raw scores NAN": given_raw(scores=np.array([NAN, 1], np.float32)),
+    "raw masks float": given_raw(masks=np.full((2, 64, 96), NAN)),
+    "frame index": given_frame(index="a"),
+    "frame image": given_frame(image="a"),
+    "frame image f": given_frame(image=IMAGE.astype(float)),
+    "frame det": given_frame(detections="a"),
+    "frame feat": given_frame(features=np.zeros(3)),
+    "frame feat grid": given_frame(features=np.zeros((2, 2, 64), np.float32)),
+    "frame feat text": given_frame(features="a"),
+    "frame name": given_frame(name=5),
+    "frame time": given_frame(time_s=NAN),
+    "frame time text": given_frame(time_s="a"),
     "tracker cfg none": lambda: rj.Tracker(None),
     "tracker cfg int": lambda: rj.Tracker(5),
     "tracker cfg list": lambda: rj.Tracker([1]),
@@ -200,70 +203,35 @@ CALLS = {
     "run missing": lambda: rj.run("/nope.mp4"),
     "run empty": lambda: rj.run([]),
     "run arr": lambda: rj.run(np.zeros(5)),
-    "run nomask": lambda: rj.run(np.stack([IMAGE] * 2), progress=False),
-    "run masks": lambda: rj.run(np.stack([IMAGE] * 2), masks=5, progress=False),
-    "run masks n": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((1, 64, 96), int), progress=False
-    ),
-    "run masks f": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.full((2, 64, 96), NAN), progress=False
-    ),
-    "run masks neg": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.full((2, 64, 96), -3), progress=False
-    ),
+    "run nomask": run(masks=None),
+    "run masks": run(masks=5),
+    "run masks n": run(masks=np.zeros((1, 64, 96), int)),
+    "run masks f": run(masks=np.full((2, 64, 96), NAN)),
+    "run masks neg": run(masks=np.full((2, 64, 96), -3)),
     "run opt": lambda: rj.run("x", foo=1),
-    "run delay": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), delay=-1, progress=False
-    ),
-    "run delay t": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), delay="a", progress=False
-    ),
-    "run sampling": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), sampling=5, progress=False
-    ),
-    "run sampling k": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), sampling={"fpz": 1}, progress=False
-    ),
-    "run detector": lambda: rj.run(np.stack([IMAGE] * 2), detector=5, progress=False),
-    "run det ret": lambda: rj.run(np.stack([IMAGE] * 2), detector=lambda f: 5, progress=False),
-    "run det opts": lambda: rj.run(
-        np.stack([IMAGE] * 2), detector=lambda f: None, detector_options=5, progress=False
-    ),
-    "run out": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), out=5, progress=False
-    ),
-    "run memory": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), memory=5, progress=False
-    ),
-    "run progress": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), progress=5
-    ),
+    "run delay": run(delay=-1),
+    "run delay t": run(delay="a"),
+    "run sampling": run(sampling=5),
+    "run sampling k": run(sampling={"fpz": 1}),
+    "run detector": run(masks=None, detector=5),
+    "run det ret": run(masks=None, detector=lambda f: 5),
+    "run det opts": run(masks=None, detector=lambda f: None, detector_options=5),
+    "run out": run(out=5),
+    "run memory": run(memory=5),
+    "run progress": run(progress=5),
     **{
-        f"run {name}={value!r}": lambda name=name, value=value: rj.run(
-            np.stack([IMAGE] * 2),
-            **{"masks": np.zeros((2, 64, 96), int), "progress": False, name: value},
-        )
+        f"run {name}={value!r}": run(**{name: value})
         for name, value in (
             *(("overlay", "x"), ("overlay", 1), ("trace", "yes"), ("overwrite", None)),
             *(("resume", 0), ("on_live", 5), ("progress", "yes")),
         )
     },
     "live trace": lambda: rj.Tracker(trace=1),
-    "run fps": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), image_fps=NAN, progress=False
-    ),
-    "run config": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), config=5, progress=False
-    ),
-    "run metadata": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), metadata=5, progress=False
-    ),
-    "run weights": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), weights=5, progress=False
-    ),
-    "run fcache": lambda: rj.run(
-        np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), feature_cache=5, progress=False
-    ),
+    "run fps": run(image_fps=NAN),
+    "run config": run(config=5),
+    "run metadata": run(metadata=5),
+    "run weights": run(weights=5),
+    "run fcache": run(feature_cache=5),
     "open none": lambda: rj.open_source(None),
     "open int": lambda: rj.open_source(5),
     "open empty": lambda: rj.open_source(""),

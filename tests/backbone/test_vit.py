@@ -34,8 +34,8 @@ STAGES = 5e-6
 
 
 def first_only(stems: list[str]) -> list:
-    """The others compile as much again: they are of the share of CI."""
-    return [pytest.param(one, marks=pytest.mark.heavy if n else []) for n, one in enumerate(stems)]
+    """The others compile as much again."""
+    return [pytest.param(one, marks=pytest.mark.slow if n else []) for n, one in enumerate(stems)]
 
 
 def run(

@@ -115,11 +115,13 @@ def test_looks_decide_appearance_of_lookalikes():
 @pytest.mark.parametrize(
     "changes",
     [
-        {"moved": 0.4, "removed": 0.2, "swapped": 0.4, "added": 0.4},
+        pytest.param(
+            {"moved": 0.4, "removed": 0.2, "swapped": 0.4, "added": 0.4}, marks=pytest.mark.slow
+        ),
         {"roll_deg": 10.0, "zoom": 1.5, "jumps": 2},
         {"dropped_frames": 0.5},
         {"returns": 2, "frames": 12},
-        {"num_rooms": 3},
+        pytest.param({"num_rooms": 3}, marks=pytest.mark.slow),
     ],
     ids=["changes", "camera", "drops", "returns", "rooms"],
 )

@@ -2,10 +2,10 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.remind.context.evidence import ROUNDED_OBJECTS, join_links, maturity
+from remind_jax.remind.context.evidence import ROUNDED_OBJECTS, join_links
 from tests.statics import make_static
 
-from .scenes import STATIC, example, list_scenes, read_view, thresholds, view_of
+from .scenes import STATIC, thresholds, view_of
 
 pytestmark = pytest.mark.usefixtures("x64")
 _join = jax.jit(join_links, static_argnames="static")
@@ -14,31 +14,6 @@ _join = jax.jit(join_links, static_argnames="static")
 def join(view, num_in_question=10, static=STATIC, **changed):
     rules = thresholds(sets=changed).sets
     return jax.device_get(_join(view, np.int32(num_in_question), static=static, t=rules))
-
-
-def test_maturity_of_the_page():
-    """method.md#maturity; rounded to six places."""
-    trust = maturity(np.arange(7), thresholds().sets)
-    expected = [0, 0.221199, 0.393469, 0.527633, 0.632121, 0.713495, 0.776870]
-    np.testing.assert_allclose(trust, expected, atol=1e-6)
-
-
-def test_conditional_of_the_page():
-    """method.md#example-company: six and four episodes, five objects; an unseen pair counts."""
-    view = read_view(example(), thresholds(), STATIC)
-    rows = np.asarray(view.conditional)
-    np.testing.assert_allclose(rows[0, :5], np.array([0.5, 6.5, 0.5, 6.5, 0.5]) / 8.5, rtol=1e-15)
-    np.testing.assert_allclose(rows[2, :5], np.array([0.5, 0.5, 0.5, 0.5, 4.5]) / 6.5, rtol=1e-15)
-
-
-def test_links_of_a_memory_are_symmetric_and_none_to_oneself():
-    for scene in list_scenes()[:5]:
-        links = join(read_view(scene, thresholds(), STATIC))
-        np.testing.assert_array_equal(links.strength, links.strength.T)
-        np.testing.assert_array_equal(links.present, links.present.T)
-        assert not np.any(np.diag(links.strength))
-        assert not np.any(np.diag(links.present))
-        assert np.all(links.strength[links.present] > 0)
 
 
 @pytest.mark.parametrize(("mutual", "joint"), [(True, 0.1), (False, 0.5 * (0.02 + 0.5))])

@@ -160,6 +160,30 @@ def test_worked_example():
     assert not np.any(found.veto)
 
 
+@pytest.mark.parametrize(
+    "changed",
+    [{"min_best_score": 0.6322}, {"min_coverage": 1.01}, {"min_size": 4}, {"min_quality": 0.643}],
+)
+def test_poor_context_does_not_count(changed):
+    found = read_on(example(), influence=changed).influence
+    assert not found.global_ok
+    assert not any(np.any(getattr(found, name)) for name in GATED)
+
+
+def test_quality_of_one_term_alone():
+    best = jax.tree.map(lambda leaf: leaf[0], read_on(example()).hypotheses)
+    terms = {
+        "best": best.score, "coverage": best.coverage, "maturity": best.maturity,
+        "density": best.density, "size": 1 - np.exp(-2 / 3), "pruning": 0.125,
+    }  # fmt: skip
+    off = {f"{name}_weight": 0.0 for name in terms}
+    for name, value in terms.items():
+        found = read_on(example(), influence={**off, f"{name}_weight": 0.3})
+        assert_close(found.influence.quality, value, atol=ROUNDING, err_msg=name)
+    for weights in (off, {**off, "best_weight": -1.0}):
+        assert read_on(example(), influence=weights).influence.quality == 0
+
+
 def test_empty_memory():
     scene = dataclasses.replace(empty_scene(), det_class=example().det_class)
     found = read_on(scene)

@@ -29,11 +29,6 @@ def test_only_the_first_edges_count():
     np.testing.assert_array_equal(found, np.tile(np.arange(6) < 2, (6, 1)))
 
 
-# ------------------------------------------------------------------ outside the context
-
-
-# ------------------------------------------------------------------ the object's own neighbors
-
 MANY = 20
 MASS = {"local_mass": 99.0}  # the list of expected neighbors ends by its length only
 
