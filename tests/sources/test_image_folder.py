@@ -84,32 +84,10 @@ def test_changing_size_is_skipped_and_reported(tmp_path):
     assert [f.size for f in allowing] == [(32, 48), (32, 48), (20, 24), (32, 48)]
 
 
-def test_not_one_readable_image(tmp_path):
-    for name in ("a.jpg", "b.jpg"):
-        (tmp_path / name).write_bytes(b"nothing")
-    with pytest.raises(SourceError, match=r"none of the 2 frames .* first was 'a\.jpg'"):
-        list(open_source(tmp_path))
-
-
-def test_folder_without_images_says_what_to_do(tmp_path):
-    with pytest.raises(SourceError, match="holds no images"):
-        open_source(tmp_path)
-    making.write_images(tmp_path / "left", ["0.jpg"])
-    making.write_images(tmp_path / "right", ["0.jpg"])
-    with pytest.raises(SourceError, match="its folders left, right do"):
-        open_source(tmp_path)
-
-
 def test_missing_folder_suggests_the_nearest(tmp_path):
     (tmp_path / "kitchen").mkdir()
     with pytest.raises(SourceError, match="did you mean 'kitchen'"):
         open_source(tmp_path / "kitchn")
-
-
-def test_one_image_is_a_sequence(tmp_path):
-    making.write_images(tmp_path, ["only.png", "other.png"])
-    (frame,) = open_source(tmp_path / "only.png")
-    assert frame.name == "only.png"
 
 
 def test_hidden_and_other_files_are_no_frames(tmp_path):

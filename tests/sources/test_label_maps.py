@@ -48,10 +48,3 @@ def test_masks_folder_beside_any_images(tmp_path):
             ("cup", "desk_lamp"),
             (),
         ]
-
-
-def test_folder_without_maps(tmp_path):
-    making.write_images(tmp_path / "v", ["7.jpg"])
-    (tmp_path / "m").mkdir()
-    with pytest.raises(SourceError, match="holds no instance maps"):
-        open_source(tmp_path / "v", masks=tmp_path / "m")

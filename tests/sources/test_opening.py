@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import ConfigError, SourceError
-from remind_jax.sources import Sampling, Source, open_source, prefetch, reopen_source
+from remind_jax.sources import Sampling, Source, open_source, reopen_source
 from tests.sources import making
 
 
@@ -67,12 +67,6 @@ def test_source_passes_unchanged_and_can_be_sampled():
     assert [f.source_index for f in thinned] == [0, 3]
 
 
-def test_sources_can_be_read_ahead(tmp_path):
-    making.write_davis(tmp_path, num=6)
-    source = open_source(tmp_path)
-    same_frames(source, prefetch(open_source(tmp_path)))
-
-
 @pytest.mark.parametrize(
     ("options", "why"),
     [
@@ -98,12 +92,6 @@ def test_files_that_are_missing(tmp_path):
     ):
         with pytest.raises(SourceError, match="does not exist"):
             open_source(**arguments)
-
-
-def test_detections_are_no_frames(tmp_path):
-    (tmp_path / "d.json").write_text("[]")
-    with pytest.raises(SourceError, match="give it as masks"):
-        open_source(tmp_path / "d.json")
 
 
 def test_import_brings_no_extras():

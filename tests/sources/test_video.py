@@ -127,14 +127,6 @@ def test_telephone_video_is_turned_upright(tmp_path):
     np.testing.assert_array_equal(turned, np.rot90(flat, -1))
 
 
-def test_range_behind_the_end_is_named(tmp_path):
-    making.write_video(tmp_path / "a.mp4", 5)
-    with pytest.raises(
-        SourceError, match="has 5 frames, numbered from 0; the first one asked for is number 9"
-    ):
-        open_source(tmp_path / "a.mp4", sampling=Sampling(start=9))
-
-
 def test_masks_of_a_video_go_by_number(tmp_path):
     making.write_video(tmp_path / "a.mp4", 4)
     folder = tmp_path / "masks"
