@@ -141,6 +141,14 @@ def visual_frame(
     )
 
 
+def backed(bonus: float) -> dict[str, Any]:
+    """Context that clearly speaks for an object (method.md#example-frames)."""
+    return {
+        "support": 0.5, "score_sets": 0.5, "compat_band": True, "compat_rel": 0.9,
+        "kernel_raw": 0.2, "bonus_raw": bonus,
+    }  # fmt: skip
+
+
 def decide_frames(frames: Sequence[Frame], thresholds: Sequence[Thresholds] = ()) -> Verdict:
     """Verdicts of all frames on the host, with a leading axis.
 

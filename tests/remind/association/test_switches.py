@@ -19,8 +19,7 @@ from remind_jax.config.dotted_keys import nest
 from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.remind.thresholds import Thresholds
 from tests.remind.association.frozen_frames import load_expected, load_frames, load_settings
-from tests.remind.association.tables import Verdict, decide_frames, visual_frame
-from tests.remind.undecided.test_settlement import backed
+from tests.remind.association.tables import Verdict, backed, decide_frames, visual_frame
 
 STABILITY = "association.matching.hungarian.identity_stability"
 SWITCHES = {

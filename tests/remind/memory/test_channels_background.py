@@ -11,6 +11,7 @@ from remind_jax.remind.memory.prototypes import WORK, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Background
 from tests.remind.memory.recorded_banks import assert_as_recorded, descriptors_of, random_views
+from tests.remind.memory.small_banks import unit
 from tests.statics import change_static, make_static
 
 pytestmark = pytest.mark.usefixtures("x64")
@@ -80,27 +81,23 @@ def test_banks_are_as_recorded():
             assert np.all(np.max(seen.size[:, :, ring], axis=(0, 2)) <= np.array(slots))
 
 
-def direction(degrees):
-    return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))], np.float32)
-
-
 def test_merge_example_of_the_page():
     """method.md#bank-room: a full inner bank joins its closest pair, then takes the new one."""
     static = make_static(inner_ring_slots=(2, 1), outer_ring_slots=(2, 1), precision="float64")
     banks = jax.tree.map(np.array, new_banks(static, 1, 2))
-    banks.embedding[WORK, :, 0, :2] = [direction(0), direction(15)]
+    banks.embedding[WORK, :, 0, :2] = [unit(0), unit(15)]
     banks.counts[WORK, :, 0, :2] = [[12, 0, 5], [2, 1, 2]]
     banks.qualities[WORK, :, 0, :2] = [[0.8, 4.0], [0.6, 1.2]]
     banks.size[WORK] = 2
     views = np.zeros((3, 1, 2, 2), np.float32)
-    views[2] = direction(80)
+    views[2] = unit(80)
     patches = np.zeros((3, 1, 2), np.int32)  # nothing is seen before frame 2
     patches[2] = 99
     permit = Permit(np.ones((3, 1), bool), np.ones((3, 1)))
     seen = watch(banks, views, patches, np.ones((3, 1)), permit, rules(), static)
     found = jax.tree.map(lambda leaf: np.asarray(leaf[2, WORK, INNER, 0]), seen)
     assert found.size == 2
-    np.testing.assert_allclose(found.embedding, [direction(2.484), direction(80)], atol=1e-5)
+    np.testing.assert_allclose(found.embedding, [unit(2.484), unit(80)], atol=1e-5)
     assert found.hits.tolist() == [14, 1]
     assert found.last_seen.tolist() == [2, 2]
     assert found.num_qualities.tolist() == [7, 1]

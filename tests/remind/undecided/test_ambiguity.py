@@ -9,12 +9,7 @@ import pytest
 
 from remind_jax.decision import Outcome, Reason
 from remind_jax.remind.thresholds import Thresholds
-from tests.remind.association.tables import decide_frames, visual_frame
-
-SAID = {
-    "support": 0.5, "score_sets": 0.5, "compat_band": True, "compat_rel": 0.9, "kernel_raw": 0.2,
-    "bonus_raw": 0.05,
-}  # fmt: skip
+from tests.remind.association.tables import backed, decide_frames, visual_frame
 
 
 def options(
@@ -27,7 +22,7 @@ def options(
         ambiguous=dataclasses.replace(t.ambiguous, **changed),
         provisional=dataclasses.replace(t.provisional, enabled=False),
     )
-    frame = visual_frame([row], context=dict.fromkeys(supported, SAID))
+    frame = visual_frame([row], context=dict.fromkeys(supported, backed(0.05)))
     d = decide_frames([frame], [t]).decisions
     named = [int(o) for o in d.option_id[0, 0] if o >= 0]
     assert (d.outcome[0, 0] == Outcome.AMBIGUOUS) == bool(named)

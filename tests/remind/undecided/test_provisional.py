@@ -9,17 +9,10 @@ import pytest
 
 from remind_jax.decision import Outcome, Reason
 from remind_jax.remind.thresholds import Thresholds
-from tests.remind.association.tables import decide_frames, visual_frame
+from tests.remind.association.tables import backed, decide_frames, visual_frame
 
 PARENT, PROVISIONAL = Outcome.PROVISIONAL_PARENT, Outcome.PROVISIONAL_NEW
 NEW, AMBIGUOUS = Outcome.NEW, Outcome.AMBIGUOUS
-
-
-def said(bonus: float) -> dict[str, Any]:
-    return {
-        "support": 0.5, "score_sets": 0.5, "compat_band": True, "compat_rel": 0.9,
-        "kernel_raw": 0.2, "bonus_raw": bonus,
-    }  # fmt: skip
 
 
 def last(
@@ -32,7 +25,7 @@ def last(
         provisional=dataclasses.replace(t.provisional, **changed),
         ambiguous=dataclasses.replace(t.ambiguous, enabled=False),
     )
-    context = {slot: said(value) for slot, value in (bonus or {}).items()}
+    context = {slot: backed(value) for slot, value in (bonus or {}).items()}
     d = decide_frames([visual_frame(rows, context=context)], [t]).decisions
     n = len(rows) - 1
     named = [int(o) for o in d.option_id[0, n] if o >= 0]
@@ -106,7 +99,7 @@ def test_reasons(x64):
         Reason.UNCERTAIN_KNOWN_BLOCKED: ([{0: 0.95}, {0: 0.74}], {}),
         Reason.KNOWN_BUT_AMBIGUOUS_CONTEXTUAL_FALLBACK: (
             [{0: 0.95, 1: 0.30}, {0: 0.80, 1: 0.66}],
-            {0: said(0.05), 1: said(0.05)},
+            {0: backed(0.05), 1: backed(0.05)},
         ),
     }
     t = dataclasses.replace(

@@ -20,6 +20,7 @@ from tests.remind.association.tables import (
     SLOTS,
     Frame,
     Verdict,
+    backed,
     decide_frames,
     visual_frame,
 )
@@ -30,18 +31,6 @@ STABILITY = Reason.KNOWN_BUT_AMBIGUOUS_IDENTITY_STABILITY
 COMPETITION = Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION
 
 Known = dict[int, float]
-
-
-def backed(bonus: float) -> dict[str, Any]:
-    """Context that clearly speaks for an object (method.md#example-frames)."""
-    return {
-        "bonus_raw": bonus,
-        "support": 0.5,
-        "score_sets": 0.5,
-        "compat_band": True,
-        "compat_rel": 0.9,
-        "kernel_raw": 0.2,
-    }
 
 
 def one(outcome: Outcome, known: Known | None = None, **more: Any) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import pytest
 
 from remind_jax.decision import Outcome, Reason
 from remind_jax.remind.thresholds import Thresholds
-from tests.remind.association.tables import Verdict, decide_frames, visual_frame
+from tests.remind.association.tables import Verdict, backed, decide_frames, visual_frame
 
 STABILITY = Reason.KNOWN_BUT_AMBIGUOUS_IDENTITY_STABILITY
 # Without the other guards a detection is matched, new, or doubtful.
@@ -86,11 +86,7 @@ def test_five_look_alikes_are_too_many_to_enumerate(x64):
 @pytest.mark.parametrize(("margin", "kept"), [(0.05, [1, -1]), (0.10, [0, 1])])
 def test_a_rescued_match_that_a_rival_beats_is_solved_again(x64, margin, kept):
     """Detection 0 fits better what 1 was rescued onto (method.md#gating-fragile)."""
-    said = {
-        "support": 0.5, "score_sets": 0.5, "compat_band": True, "compat_rel": 0.9,
-        "kernel_raw": 0.2, "bonus_raw": 0.05,
-    }  # fmt: skip
-    frame = visual_frame([{0: 0.80, 1: 0.77}, {0: 0.30, 1: 0.705}], context={1: said})
+    frame = visual_frame([{0: 0.80, 1: 0.77}, {0: 0.30, 1: 0.705}], context={1: backed(0.05)})
     t = dataclasses.replace(Thresholds(), **ALONE)
     stability = dataclasses.replace(t.stability, alternative_margin=margin)
     d = decide_frames([frame], [dataclasses.replace(t, stability=stability)]).decisions
