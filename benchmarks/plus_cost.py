@@ -139,7 +139,12 @@ def _corridor(num_frames: int, num_things: int, dim: int = 64, most: int = 14) -
         num_bad_patches=np.zeros(num_frames, np.int32),
     )
     score = np.full(num_frames, 0.9, np.float32)
-    motion = Motion(matrix, score, np.tile(np.int32([480, 640]), (num_frames, 1)))
+    motion = Motion(
+        matrix,
+        score,
+        np.tile(np.int32([480, 640]), (num_frames, 1)),
+        np.ones(num_frames, np.float32),
+    )
     return Recording("corridor", sightings, motion, truth, present)
 
 
@@ -157,7 +162,7 @@ def _made_up_frames(detections: int, objects: int, dim: int) -> list[Any]:
         index = groups[number]
         matrix = np.eye(2, 3, dtype=np.float32)
         matrix[0, 2] = 640 * (before - number)
-        motion = Motion(matrix, np.float32(0.9), np.array([480, 640], np.int32))
+        motion = Motion(matrix, np.float32(0.9), np.array([480, 640], np.int32), np.float32(1))
         before = number
         center = place[index]
         frames.append(

@@ -125,7 +125,12 @@ def _frame(room: int, look: Any, place: Any, size: Any, rng: np.random.Generator
         frame_center=np.array([3.2, 2.4], np.float32),
         num_bad_patches=np.int32(0),
     )
-    still = Motion(np.eye(2, 3, dtype=np.float32), np.float32(0.9), np.array([480, 640], np.int32))
+    still = Motion(
+        np.eye(2, 3, dtype=np.float32),
+        np.float32(0.9),
+        np.array([480, 640], np.int32),
+        np.float32(1),
+    )
     return sightings, still, here
 
 

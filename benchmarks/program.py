@@ -90,7 +90,7 @@ def example_input(method: Method) -> tuple[AnyFeats, Any, Any]:
         np.zeros((0, *size), bool), np.zeros(0, np.int32), np.zeros(0), num_slots=0,
         patch_px=PATCH_PX, **gaps,
     )  # fmt: skip
-    observed = None if method.needs.observe is None else method.needs.observe(None, None)
+    observed = None if method.needs.observe is None else method.needs.observe(None, None, None)
     return feats, pad_masks(nothing, STATIC.num_detections), observed
 
 

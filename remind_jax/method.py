@@ -25,11 +25,12 @@ from remind_jax.static import NoSwitches, Static
 class Needs:
     """What a method reads of images and masks."""
 
-    # On the host, ahead of the step: `observe(previous_image, image) -> observed` from two
-    # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in: a pytree of
-    # arrays whose shapes never change. The previous one is None in the first frame, both are None
-    # where frames come as features. Left out, `observed` is None.
-    observe: Callable[[Any, Any], Any] | None = None
+    # On the host, ahead of the step: `observe(previous_image, image, elapsed_s) -> observed` from
+    # two consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in, and the
+    # seconds between them: a pytree of arrays whose shapes never change. The previous one is None
+    # in the first frame, both are None where frames come as features; the seconds are None where
+    # they are not known. Left out, `observed` is None.
+    observe: Callable[[Any, Any, float | None], Any] | None = None
     # Heads of the backbone whose attention between the patches of a frame it reads, averaged:
     # `attention_heads(static)`; () are all, None is no attention, as where it is left out.
     attention_heads: Callable[[Static], tuple[int, ...] | None] | None = None

@@ -82,7 +82,8 @@ def count(state, seen, *, static, thresholds):
     return dataclasses.replace(kept, overflow=short), None
 
 
-def observe(previous, image):
+def observe(previous, image, elapsed_s):
+    del elapsed_s
     moved = 0.0 if previous is None else float(image.mean()) - float(previous.mean())
     return {"shift": np.full(2, moved, np.float32)}
 

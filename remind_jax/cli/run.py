@@ -47,7 +47,8 @@ class Layout:
     metadata: Path | None = None  # JSON with the class of each instance id
     sequence: str | None = None  # which one, where a DAVIS folder holds several
     unlabelled: Literal["error", "skip"] = "error"  # instances without class
-    image_fps: float = 30.0  # images per second where there are no time stamps
+    image_fps: float | None = None
+    """Images per second where there are no time stamps; left out, each is told as 1/30 s."""
     allow_size_change: bool = False  # go on when the frame size changes, else skip such frames
 
 

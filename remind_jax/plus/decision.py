@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.plus import clock
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Rows, Shortlist
 from remind_jax.plus.slots import NO_ROW, rows_of
@@ -49,8 +50,9 @@ def decide(
     odds = jnp.where(shortlist.valid, odds, -jnp.inf)
     new = expect_new(odds, rows.young, here.class_id, scene, t)
     # A new identity that is withdrawn later is one too many, so in doubt an early answer is known.
+    enough = here.duration >= t.commit_age - clock.SLACK
     tentative = t.tentative + t.tentative_border * here.touched
-    early_new = new - jnp.where(here.age < t.commit_age, tentative, 0.0)
+    early_new = new - jnp.where(enough, 0.0, tentative)
     private = jnp.where(rows.late, t.new + t.late_margin, early_new)
 
     is_at = shortlist.slot[..., None] == jnp.arange(num_objects)
@@ -68,7 +70,7 @@ def decide(
     margin = own - jnp.where(is_known, jnp.maximum(best_other, private), best_other)
 
     early = is_known & (here.age >= t.early_age) & (margin > t.early_margin)
-    commits = rows.young & ((here.age >= t.commit_age) | early)
+    commits = rows.young & (enough | early)
     return Choice(
         slot=jnp.where(is_known, slot, NO_SLOT),
         margin=margin,

@@ -32,9 +32,13 @@ COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
 }
 
 NEW_LEAVES = (
+    "ticks",
+    "phase",
     "objects.class_lead",
     "objects.visits",
     "tracklets.class_lead",
+    "tracklets.duration",
+    "tracklets.unseen",
     "scene.links",
     "scene.names",
     "scene.newness",

@@ -21,13 +21,14 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
+from remind_jax.plus.clock import MISSED_TICKS
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import mobility
 from remind_jax.plus.plane import squared_length
 from remind_jax.plus.scene_map import center_variance
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs, Scene, Tracklets
-from remind_jax.plus.static import MISSED_FRAMES, NUM_CANDIDATES
+from remind_jax.plus.static import NUM_CANDIDATES
 
 _EXPONENT_MAX = 80.0  # squared distances beyond do not count
 
@@ -108,14 +109,14 @@ def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
     return Rows(young=valid & ~decided, late=late)
 
 
-def find_ended(tracklets: Tracklets, frame: Int[Array, ""], t: th.Decision) -> Bool[Array, "T"]:
+def find_ended(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
     """Tracklets that can hardly resume, not decided yet, that were last taken for a new object.
 
     Without a memory of them, what they showed would get another identity at its next sight.
     """
     undecided = tracklets.alive & (tracklets.slot == NO_SLOT) & tracklets.leans_new
     long_enough = (t.ended_age > 0) & (tracklets.age >= t.ended_age)
-    return undecided & long_enough & (frame - tracklets.last == MISSED_FRAMES)
+    return undecided & long_enough & (tracklets.unseen >= MISSED_TICKS)
 
 
 def admit(

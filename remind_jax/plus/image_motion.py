@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from remind_jax.plus.clock import TICK_S
 from remind_jax.plus.observation import Motion
 
 WORKING_AREA_PX = 320 * 240  # images are reduced to this size, whatever that of the frame
@@ -27,21 +28,28 @@ MIN_PHASE_RESPONSE = 0.1
 
 
 def observe_motion(
-    previous: UInt8[np.ndarray, "h w 3"] | None, image: UInt8[np.ndarray, "H W 3"] | None
+    previous: UInt8[np.ndarray, "h w 3"] | None,
+    image: UInt8[np.ndarray, "H W 3"] | None,
+    elapsed_s: float | None = None,
 ) -> Motion:
-    """The motion from one RGB image to the next; unknown without both, or if their sizes differ."""
+    """The motion from one RGB image to the next; unknown without both, or if their sizes differ.
+
+    Frames whose times are not known count as one tick each.
+    """
+    elapsed = 1.0 if elapsed_s is None else elapsed_s / TICK_S
     size = np.array((0, 0) if image is None else image.shape[:2], np.int32)
     if image is None or previous is None or previous.shape != image.shape:
-        return _motion(np.eye(2, 3), 0.0, size)
+        return _motion(np.eye(2, 3), 0.0, size, elapsed)
     small = [_reduce(frame) for frame in (previous, image)]
     matrix, score = estimate_motion(*small)
     pixel_size = image.shape[1] / small[1].shape[1], image.shape[0] / small[1].shape[0]
-    return _motion(_scale(matrix, pixel_size), score, size)
+    return _motion(_scale(matrix, pixel_size), score, size, elapsed)
 
 
-def _motion(matrix: np.ndarray, score: float, size: np.ndarray) -> Motion:
+def _motion(matrix: np.ndarray, score: float, size: np.ndarray, elapsed: float) -> Motion:
     """With the types that never change from frame to frame."""
-    return Motion(np.asarray(matrix, np.float32), np.asarray(score, np.float32), size)
+    matrix, score, elapsed = (np.asarray(leaf, np.float32) for leaf in (matrix, score, elapsed))
+    return Motion(matrix, score, size, elapsed)
 
 
 def _reduce(image: np.ndarray) -> np.ndarray:

@@ -120,6 +120,7 @@ def learn_relations(
     pairs: Pairs,
     row: Int[Array, "O"],
     sightings: Sightings,
+    tick: Float[Array, ""],
     t: th.Layout,
     mobile: th.Mobility,
 ) -> Pairs:
@@ -133,6 +134,7 @@ def learn_relations(
       pairs: What is known of every two of them.
       row: Detection of each object, NO_ROW out of view.
       sightings: Detections.
+      tick: Time since the last frame, one tick at most.
       t: Errors and rates.
       mobile: What speeds make of relations.
     """
@@ -148,7 +150,7 @@ def learn_relations(
     both_exist = objects.exists[:, None] & objects.exists[None, :]
     accepted = one_visible & both_exist & ~jnp.eye(len(row), dtype=bool)
     # A relation is forgotten as fast as its objects move.
-    speed = forgetting_speed(objects, mobile)
+    speed = tick * forgetting_speed(objects, mobile)
     aged = pairs.spread + (speed[:, None] + speed[None, :]) / scale
     aged = jnp.where(aged < t.spread_max, aged, UNRELATED)
     accepted &= (spread <= aged + t.spread_slack) & (spread < t.spread_max)
@@ -209,11 +211,12 @@ class KeptLooks:
         objects: Objects,
         here: Tracklets,
         sure: Bool[Array, "N"],
+        counts: Bool[Array, "N"],
         sightings: Sightings,
         t: th.Memory,
     ) -> KeptLooks:
         """Those of decided detections, once in some detections, and of objects without any."""
-        turn = (here.age % t.every == 1) & ~(sightings.touches & (here.age > t.border_age))
+        turn = counts & (here.age % t.every == 1) & ~(sightings.touches & (here.age > t.border_age))
         is_empty = jnp.all(objects.bank_count == 0, axis=1)[here.slot]
         return cls(here.slot, sightings.look, sure & (turn | is_empty))
 
@@ -310,7 +313,7 @@ def learn_cosines(
     cosine: Float[Array, "N O"],
     since_first: Float[Array, "N"],
     share: Float[Array, "N"],
-    frame: Int[Array, ""],
+    ticks: Int[Array, ""],
     t: th.Calibration,
 ) -> Scene:
     """Learns what cosines of the same and of other objects look like.
@@ -326,13 +329,13 @@ def learn_cosines(
       cosine: Best cosine of each look with each object.
       since_first: Cosine of each look with the first one of its tracklet.
       share: How much each detection teaches.
-      frame: Number of this frame.
+      ticks: Of the clock so far.
       t: Weights.
     """
     num_o = cosine.shape[1]
     # Objects clearly recognized teach what the same object looks like after an absence.
     clear = choice.recognized & (choice.margin >= t.sure_margin)
-    old = sure & (here.age >= t.min_age) & (frame % t.every == 0)
+    old = sure & (here.age >= t.min_age) & (ticks % t.every == 0)
     same = jnp.stack([choice.cosine, since_first])
     same_weight = jnp.stack(
         [jnp.where(clear, t.sure_weight, 0.0), jnp.where(old, t.same_weight * share, 0.0)]

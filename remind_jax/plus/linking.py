@@ -15,6 +15,7 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
+from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
 from remind_jax.plus.evidence import calibrate
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
@@ -28,7 +29,6 @@ from remind_jax.plus.plane import (
 )
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.state import Scene, Tracklets
-from remind_jax.plus.static import MISSED_FRAMES
 from remind_jax.plus.whitening import whiten
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
@@ -48,7 +48,10 @@ class Links:
 
 def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
     """Moves boxes and centers along with the image, and on by what moves of its own."""
-    turn, shift = motion.matrix[:, :2], motion.matrix[:, 2] + expect_step(tracklets, t)
+    turn, shift = (
+        motion.matrix[:, :2],
+        motion.matrix[:, 2] + tick_of(motion.elapsed) * expect_step(tracklets, t),
+    )
     low, high = tracklets.box[:, :2], tracklets.box[:, 2:]
     middle = turned((low + high) / 2, turn) + shift
     half = (high - low) / 2 * zoom_of(turn)
@@ -85,7 +88,6 @@ def learn_links(
     cosine: Float[Array, "N T"],
     origin: Int[Array, "N"],
     share: Float[Array, "N"],
-    frame: Int[Array, ""],
     t: th.PlusThresholds,
 ) -> Scene:
     """Learns how alike the looks of an object are from one frame to the next.
@@ -96,11 +98,10 @@ def learn_links(
       cosine: Of whitened looks.
       origin: The tracklet that each detection goes on with.
       share: How much each detection teaches.
-      frame: Number of this frame.
       t: How much is remembered.
     """
     before = jnp.maximum(origin, 0)
-    goes_on = (origin != NO_SLOT) & (tracklets.last[before] == frame - 1)
+    goes_on = (origin != NO_SLOT) & tracklets.just_seen[before]
     value = jnp.take_along_axis(cosine, before[:, None], axis=1)[:, 0]
     weight = jnp.where(goes_on, share, 0.0)
     new = jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=1)
@@ -112,7 +113,7 @@ def score_links(
     sightings: Sightings,
     cosine: Float[Array, "N T"],
     look_odds: Float[Array, "N T"],
-    frame: Int[Array, ""],
+    tick: Float[Array, ""],
     t: th.Linking,
     mobile: th.Mobility,
 ) -> Links:
@@ -123,11 +124,11 @@ def score_links(
       sightings: Detections.
       cosine: Of their whitened looks.
       look_odds: Log odds that these are looks and names of one object, as far as they count.
-      frame: Number of this frame.
+      tick: Time since the last frame, one tick at most.
       t: Weights.
       mobile: What own movement is.
     """
-    gap = (frame - tracklets.last).astype(jnp.float32)
+    gap = tracklets.unseen + tick
     offset = sightings.center[:, None] - tracklets.center[None]
     distance = jnp.sqrt(squared_length(offset))
     scale = mean_sizes(sightings.size, tracklets.size)
@@ -161,6 +162,8 @@ def advance_tracklets(
     origin: Int[Array, "N"],
     frame: Int[Array, ""],
     next_id: Int[Array, ""],
+    counts: Bool[Array, "N"],
+    elapsed: Float[Array, ""],
     shift: Float[Array, ""],
     doubt: Float[Array, ""],
     t: th.Linking,
@@ -174,6 +177,8 @@ def advance_tracklets(
       origin: The tracklet that each of them goes on with, NO_SLOT for the first of a new one.
       frame: Number of this frame.
       next_id: Next free id.
+      counts: Detections that count: those of a tick, and first ones.
+      elapsed: Ticks since the last frame.
       shift: How far the image moved since the last frame.
       doubt: How little that is believed, [0, 1].
       t: Memory lengths.
@@ -189,8 +194,10 @@ def advance_tracklets(
     old = jax.tree.map(lambda leaf: leaf[jnp.where(linked, origin, 0)], tracklets)
     class_id, lead = vote(old.class_id, old.class_lead, sightings.class_id, linked)
     starts = sightings.valid & ~linked
-    age = jnp.where(linked, old.age, 0) + sightings.valid
-    ring_count = jnp.where(linked, old.ring_count, 0) + sightings.has_ring
+    age = jnp.where(linked, old.age, 0) + counts
+    tick = tick_of(elapsed)
+    has_ring = sightings.has_ring & counts
+    ring_count = jnp.where(linked, old.ring_count, 0) + has_ring
 
     def go_on(before: Array, first: Array | float) -> Array:
         return jnp.where(linked.reshape(-1, *[1] * (before.ndim - 1)), before, first)
@@ -198,9 +205,9 @@ def advance_tracklets(
     # Looks and backgrounds are running means; the first look stays.
     look, ring = go_on(old.look, sightings.look), go_on(old.ring, 0.0)
     step = sightings.look - look
-    look_rate = 1.0 / jnp.clip(age, 1, t.smoothing) * linked
-    ring_rate = 1.0 / jnp.clip(ring_count, 1, t.smoothing) * sightings.has_ring
-    movement = follow_movement(old, linked, sightings, frame, shift, doubt, mobile)
+    look_rate = 1.0 / jnp.clip(age, 1, t.smoothing) * (linked & counts)
+    ring_rate = 1.0 / jnp.clip(ring_count, 1, t.smoothing) * has_ring
+    movement = follow_movement(old, linked, sightings, tick, shift, doubt, mobile)
     here = Tracklets(
         alive=sightings.valid,
         id=go_on(old.id, next_id + count_before(starts)),
@@ -208,7 +215,9 @@ def advance_tracklets(
         class_lead=go_on(lead, 1),
         slot=go_on(old.slot, NO_SLOT),
         last=jnp.full(num, frame, jnp.int32),
+        unseen=jnp.zeros(num, jnp.float32),
         age=age,
+        duration=go_on(old.duration + share_in_deciding(elapsed), 1.0),
         box=sightings.box,
         center=sightings.center,
         size=sightings.size,
@@ -226,8 +235,8 @@ def advance_tracklets(
         leans_new=linked & old.leans_new,
     )
     taken = rows_of(origin, linked, len(tracklets.alive)) != NO_ROW
-    stays = tracklets.alive & ~taken & (frame - tracklets.last <= MISSED_FRAMES)
-    others = dataclasses.replace(tracklets, alive=stays)
+    stays = tracklets.alive & ~taken & (tracklets.unseen < MISSED_TICKS)
+    others = dataclasses.replace(tracklets, alive=stays, unseen=tracklets.unseen + tick)
     # Those that wait stay in the order in which they were last seen; the latest have room.
     waiting = jnp.argsort(~stays, stable=True)[: len(stays) - num]
     both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[waiting]]), here, others)

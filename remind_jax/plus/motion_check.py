@@ -15,9 +15,10 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from remind_jax.plus import thresholds as th
+from remind_jax.plus.clock import tick_of
 from remind_jax.plus.linking import Links, carry, score_links
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.plane import squared_length
@@ -30,7 +31,6 @@ def check_motion(
     sightings: Sightings,
     cosine: Float[Array, "N T"],
     look_odds: Float[Array, "N T"],
-    frame: Int[Array, ""],
     t: th.PlusThresholds,
 ) -> tuple[Motion, Links]:
     """The motion that is believed: the estimated one, the one that detections imply, or none.
@@ -43,17 +43,18 @@ def check_motion(
       sightings: Detections.
       cosine: Of the looks of detections and tracklets.
       look_odds: Log odds that these are looks of one object.
-      frame: Number of this frame.
       t: Weights.
     """
-    still = Motion(jnp.eye(2, 3, dtype=jnp.float32), jnp.float32(0), motion.frame_size)
-    implied = dataclasses.replace(
-        motion, **imply_motion(tracklets, sightings, cosine, frame, t.motion)
+    still = dataclasses.replace(
+        motion, matrix=jnp.eye(2, 3, dtype=jnp.float32), score=jnp.float32(0)
     )
+    implied = dataclasses.replace(motion, **imply_motion(tracklets, sightings, cosine, t.motion))
 
     def follow(hypothesis: Motion) -> Links:
         carried = carry(tracklets, hypothesis, t.mobility)
-        return score_links(carried, sightings, cosine, look_odds, frame, t.linking, t.mobility)
+        return score_links(
+            carried, sightings, cosine, look_odds, tick_of(motion.elapsed), t.linking, t.mobility
+        )
 
     def support(hypothesis: Motion) -> Float[Array, ""]:
         links = follow(hypothesis)
@@ -74,11 +75,10 @@ def imply_motion(
     tracklets: Tracklets,
     sightings: Sightings,
     cosine: Float[Array, "N T"],
-    frame: Int[Array, ""],
     t: th.Motion,
 ) -> dict[str, Array]:
     """The shift that most detections share with the tracklets that look most like them."""
-    possible = sightings.valid[:, None] & (tracklets.alive & (tracklets.last == frame - 1))[None]
+    possible = sightings.valid[:, None] & (tracklets.alive & tracklets.just_seen)[None]
     possible &= sightings.class_id[:, None] == tracklets.class_id[None]
     likeness = jnp.where(possible, cosine, -jnp.inf)
     partner = jnp.argmax(likeness, axis=1)

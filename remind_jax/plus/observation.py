@@ -28,6 +28,7 @@ class Motion:
     matrix: Float[AnyArray, "2 3"]  # similarity, pixels to pixels
     score: Float[AnyArray, ""]  # trust, [0, 1]; 0: unknown
     frame_size: Int[AnyArray, "2"]  # height and width of the image in pixels; 0: not known
+    elapsed: Float[AnyArray, ""]  # ticks since the frame before
 
 
 @jax.tree_util.register_dataclass
@@ -102,4 +103,5 @@ def observe(
     )
     matrix = jnp.asarray(motion.matrix, jnp.float32)
     matrix = jnp.concatenate([matrix[:, :2], matrix[:, 2:] / unit], axis=1)
-    return sightings, Motion(matrix, jnp.asarray(motion.score, jnp.float32), motion.frame_size)
+    score, elapsed = (jnp.asarray(leaf, jnp.float32) for leaf in (motion.score, motion.elapsed))
+    return sightings, Motion(matrix, score, motion.frame_size, elapsed)

@@ -26,7 +26,7 @@ from remind_jax.plus.state import Objects, Scene, Tracklets
 
 
 def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
-    """How far each tracklet will move of its own in a frame, as far as that is known."""
+    """How far each tracklet will move of its own in a tick, as far as that is known."""
     length = jnp.sqrt(squared_length(tracklets.drift))
     share = speed_of(tracklets, t) / jnp.maximum(length, 1e-6)
     known = tracklets.num_moves >= t.least
@@ -38,14 +38,14 @@ class Movement(NamedTuple):
 
     drift: Float[Array, "N 2"]
     image_shift: Float[Array, "N"]
-    num_moves: Int[Array, "N"]
+    num_moves: Float[Array, "N"]
 
 
 def follow_movement(
     before: Tracklets,
     linked: Bool[Array, "N"],
     sightings: Sightings,
-    frame: Int[Array, ""],
+    tick: Float[Array, ""],
     shift: Float[Array, ""],
     doubt: Float[Array, ""],
     t: th.Mobility,
@@ -59,18 +59,19 @@ def follow_movement(
       before: The tracklet that each detection goes on with, carried to this frame.
       linked: Detections that go on with one.
       sightings: Detections.
-      frame: Number of this frame.
+      tick: Time since the last frame, one tick at most.
       shift: How far the image moved since the last one.
       doubt: How little that is believed, [0, 1].
       t: How much is averaged.
     """
     whole = ~(before.touched | sightings.touches)
-    moves = linked & whole & (before.last == frame - 1)
-    movement = sightings.center - before.center + expect_step(before, t)
+    moves = linked & whole & before.just_seen
+    movement = (sightings.center - before.center) / tick + expect_step(before, t)
     shared = doubt * medians(movement.T, moves)
-    shift = shift + jnp.sqrt(squared_length(shared))
-    num_moves = jnp.where(linked, before.num_moves, 0) + moves
-    rate = moves / jnp.clip(num_moves, 1, t.samples)
+    shift = shift / tick + jnp.sqrt(squared_length(shared))
+    passed = tick * moves
+    num_moves = jnp.where(linked, before.num_moves, 0.0) + passed
+    rate = passed / jnp.clip(num_moves, tick, t.samples)
     drift = jnp.where(linked[:, None], before.drift, 0.0)
     image_shift = jnp.where(linked, before.image_shift, 0.0)
     return Movement(
@@ -81,7 +82,7 @@ def follow_movement(
 
 
 def speed_of(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T"]:
-    """Length of the own movement per frame, beyond what things at rest seem to have.
+    """Length of the own movement per tick, beyond what things at rest seem to have.
 
     What is nearer or farther than the rest moves otherwise than the image, before a moving camera.
     """
@@ -125,7 +126,7 @@ def learn_speeds(
 
 
 def forgetting_speed(objects: Objects, t: th.Mobility) -> Float[Array, "O"]:
-    """By how much the error of each object's place grows in a frame, for what moves of its own."""
+    """By how much the error of each object's place grows in a tick, for what moves of its own."""
     return t.forgetting * t.weight * objects.speed
 
 

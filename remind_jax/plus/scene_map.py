@@ -25,7 +25,7 @@ from remind_jax.plus.plane import medians, squared_length, turned, zoom_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs
 
-MAX_AGE = 1000  # frames; uncertainty grows no further
+MAX_AGE = 1000  # frames out of view; uncertainty grows no further
 LEAST_VARIANCE = 1e-4
 BLOCK = 64  # detections whose turns are noted before the next ones read what is left
 
@@ -48,6 +48,7 @@ def move_map(
     motion: Motion,
     frame_center: Float[Array, "2"],
     frame: Int[Array, ""],
+    tick: Float[Array, ""],
     t: th.Motion,
     mobile: th.Mobility,
 ) -> tuple[Objects, Pairs]:
@@ -61,10 +62,14 @@ def move_map(
     position = turned(objects.position - frame_center, turn / zoom_of(turn)) + new_center
 
     doubt = doubt_of(motion, t)
-    shift_variance = (t.shift_error + t.shift_error_rate * moved + t.shift_error_lost * doubt) ** 2
-    turn_variance = (t.turn_error * (1.0 + t.turn_error_lost * doubt)) ** 2
-    own_error = t.own_error + t.own_error_rate * moved + forgetting_speed(objects, mobile)
-    age = jnp.clip(frame - 1 - objects.last, 0, MAX_AGE).astype(jnp.float32)
+    # What errs at every frame adds up to the same in a tick, however many frames it has.
+    part = jnp.sqrt(tick)
+    rate = moved / tick
+    shift_error = part * (t.shift_error + t.shift_error_rate * rate) + t.shift_error_lost * doubt
+    shift_variance = shift_error**2
+    turn_variance = (t.turn_error * (part + t.turn_error_lost * doubt)) ** 2
+    own_error = part * (t.own_error + t.own_error_rate * rate + forgetting_speed(objects, mobile))
+    age = tick * jnp.clip(frame - 1 - objects.last, 0, MAX_AGE)
     arm = jnp.clip(position - frame_center, -t.reach, t.reach)
     # The lesser age makes shared errors grow like a bias and keeps the covariance positive.
     shared_age = 1.0 + jnp.minimum(age[:, None], age[None, :])

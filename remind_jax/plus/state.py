@@ -48,7 +48,7 @@ class Objects:
     visits: Int[Array, "O"]  # tracklets that were decided to be it
     position: Float[Array, "O 2"]  # center in the present frame, visible or not
     size: Float[Array, "O"]  # square root of the area of the mask
-    speed: Float[Array, "O"]  # length of the own movement per frame, 0 at rest
+    speed: Float[Array, "O"]  # length of the own movement per tick, 0 at rest
     bank: Float[Array, "O K D"]  # kept looks
     bank_count: Int[Array, "O K"]  # sights in each, 0: free
     white_bank: Float[Array, "O K E"]  # the same, whitened, of unit length
@@ -86,14 +86,16 @@ class Tracklets:
     class_lead: Int[Array, "T"]  # detections by which that class leads
     slot: Int[Array, "T"]  # its object once decided, NO_SLOT while open
     last: Int[Array, "T"]  # frame
-    age: Int[Array, "T"]  # detections so far
+    unseen: Float[Array, "T"]  # ticks since then
+    age: Int[Array, "T"]  # detections that count so far
+    duration: Float[Array, "T"]  # ticks in view, one for the first detection
     box: Float[Array, "T 4"]  # left, top, right, bottom
     center: Float[Array, "T 2"]  # of the mask
     size: Float[Array, "T"]  # square root of the area of the mask
     touched: Bool[Array, "T"]  # the border of the frame when last seen
-    drift: Float[Array, "T 2"]  # own movement per frame, smoothed
-    num_moves: Int[Array, "T"]  # movements that it averages
-    image_shift: Float[Array, "T"]  # how far the image moved per frame meanwhile
+    drift: Float[Array, "T 2"]  # own movement per tick, smoothed
+    num_moves: Float[Array, "T"]  # ticks that it averages
+    image_shift: Float[Array, "T"]  # how far the image moved per tick meanwhile
     look: Float[Array, "T D"]  # smoothed
     first_look: Float[Array, "T D"]  # the look that it began with
     ring: Float[Array, "T D"]  # background, smoothed
@@ -107,6 +109,11 @@ class Tracklets:
     def is_open(self) -> Bool[Array, "T"]:
         """Not decided yet."""
         return self.alive & (self.slot == NO_SLOT)
+
+    @property
+    def just_seen(self) -> Bool[Array, "T"]:
+        """In the last frame."""
+        return self.unseen == 0
 
 
 @jax.tree_util.register_dataclass
@@ -140,7 +147,7 @@ class Scene:
     # Cosines of looks of one object in two frames: their weight, sum, and sum of squares.
     links: Float[Array, "3"]
     names: Float[Array, "L L"]  # times that a tracklet of one class went on as another
-    speed: Float[Array, ""]  # mean own movement per frame of the objects in view lately
+    speed: Float[Array, ""]  # mean own movement per tick of the objects in view lately
     # How often the last decisions were "new", [0, 1], and how much of that was seen, [0, 1]: of all
     # objects, and class by class.
     newness: Float[Array, "S"]
@@ -168,6 +175,8 @@ class PlusState:
     scene: Scene
     next_id: Int[Array, ""]
     frame: Int[Array, ""]  # frames processed so far
+    ticks: Int[Array, ""]  # of the clock so far
+    phase: Float[Array, ""]  # part of a tick that has passed since the last one
     decisions: Decisions
     answers: Answers
     overflow: Overflow
@@ -182,6 +191,8 @@ def init(static: Static) -> PlusState:
         scene=_unknown_scene(static),
         next_id=_whole(),
         frame=_whole(),
+        ticks=_whole(),
+        phase=_real(),
         decisions=no_decisions(static),
         answers=_no_answers(static.num_detections),
         overflow=Overflow(objects=_whole(), pending=_whole()),
@@ -236,13 +247,15 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         class_lead=_whole(num),
         slot=_whole(num, value=NO_SLOT),
         last=_whole(num, value=LONG_AGO),
+        unseen=_real(num),
         age=_whole(num),
+        duration=_real(num),
         box=_real(num, 4),
         center=_real(num, 2),
         size=_real(num, value=1.0),
         touched=zeros(num, bool),
         drift=_real(num, 2),
-        num_moves=_whole(num),
+        num_moves=_real(num),
         image_shift=_real(num),
         look=_real(num, dim),
         first_look=_real(num, dim),

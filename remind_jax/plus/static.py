@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from remind_jax.static import Static
 
-MISSED_FRAMES = 8  # a tracklet survives this many frames without a detection
 WAITING = 3  # tracklets that may wait for one, per detection slot; the latest of them
 COMPARED_DIM = 64  # looks are compared in at most this many main directions
 BANK_SLOTS = 8  # remembered looks per object

@@ -31,12 +31,12 @@ class Linking:
     overlap: Real = setting(3.0, "gain per intersection over union", "log odds")
     distance: Real = setting(0.6, "loss per relative distance", "log odds")
     distance_max: Real = setting(4.0, "relative distances count up to here", "relative distance")
-    slack: Real = setting(0.12, "length added to the scale of distances per frame unseen", "length")
+    slack: Real = setting(0.12, "length added to the scale of distances per tick unseen", "length")
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
     unlike: Real = setting(1.5,
         "most loss by looks that contradict, where the image motion is believed", "log odds")
-    missed: Real = setting(1.5, "loss of what moves, per doubling of the frames since it was seen",
+    missed: Real = setting(1.5, "loss of what moves, per doubling of the ticks since it was seen",
         "log odds")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
     samples: Real = setting(10.0, "weight of what is assumed of looks of one object in two frames",
@@ -85,9 +85,8 @@ class Mobility:
     weight: Real = setting(1.0, "of the speeds of objects; 0: nothing moves of its own", "weight")
     noise: Real = setting(0.01, "own movement per frame that things at rest seem to have", "length")
     noise_rate: Real = setting(0.4, "more of it, per length that the image moves", "share")
-    samples: Whole = setting(16, "the own movement of a tracklet averages about this many",
-        "movements")
-    least: Whole = setting(3, "of them from which on it counts", "movements")
+    samples: Whole = setting(16, "the own movement of a tracklet averages about so long", "ticks")
+    least: Whole = setting(3, "and counts from then on", "ticks")
     memory: Real = setting(32.0, "frames that the speed of an object averages", "frames")
     prior: Real = setting(4.0, "weight of the speed of the scene in that of a new object",
         "frames")
@@ -268,7 +267,7 @@ class Decision:
     firm_small: Real = setting(0.75, "the same for a small new object", "probability")
     small: Real = setting(0.24, "size of a mask below which it is small", "length")
     possible: Real = setting(0.1, "least probability of what else it could be", "probability")
-    commit_age: Whole = setting(8, "detections after which a tracklet is decided", "detections")
+    commit_age: Whole = setting(8, "time in view after which a tracklet is decided", "ticks of 0.1 s")
     early_age: Whole = setting(2, "a clear win is decided from here on", "detections")
     early_margin: Real = setting(4.0, "lead that is a clear win", "log odds")
     tentative: Real = setting(1.5, "log odds that a new object loses until then", "log odds")

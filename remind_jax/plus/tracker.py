@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.decision import Outcome, Overflow
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
+from remind_jax.plus import clock
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
 from remind_jax.plus.decision import decide, learn_newness
@@ -122,6 +123,10 @@ def _advance(
     t: PlusThresholds,
 ) -> tuple[PlusState, Verdicts]:
     frame, num = state.frame, static.num_detections
+    # Frames come as fast as the camera gives them; what they teach is counted by the clock.
+    tick = clock.tick_of(motion.elapsed)
+    passed = state.phase + tick
+    is_tick = passed >= 1.0 - clock.SLACK
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
     # Where the image goes on, so do most of its objects; over a cut only looks can tell.
@@ -130,19 +135,29 @@ def _advance(
     confused = confusion_odds(state.scene, t.names)
     look_odds = limited + doubt_of(motion, t.motion) * (unlike - limited)
     look_odds += name_odds(sightings.class_id, state.tracklets.class_id, confused)
-    motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, frame, t)
+    motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, t)
     objects, pairs = move_map(
-        state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion, t.mobility
+        state.objects,
+        state.pairs,
+        motion,
+        sightings.frame_center,
+        frame,
+        tick,
+        t.motion,
+        t.mobility,
     )
     carried = dataclasses.replace(state.tracklets, box=links.box, center=links.center)
     # Which detection goes on with which tracklet?
     origin = link(links, t.linking)
+    counts = sightings.valid & (is_tick | (origin == NO_SLOT))
     tracklets, next_id, change = advance_tracklets(
         carried,
         sightings,
         origin,
         frame,
         state.next_id,
+        counts,
+        motion.elapsed,
         shift_of(motion, sightings.frame_center),
         doubt_of(motion, t.motion),
         t.linking,
@@ -150,11 +165,11 @@ def _advance(
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
     # Which differences of looks matter in this scene?
-    share = share_of(here, objects, t.looks)
+    share = jnp.where(counts, share_of(here, objects, t.looks), 0.0)
     scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, share, frame, t.looks)
-    scene = learn_links(scene, state.tracklets, likeness, origin, share, frame, t)
+    scene = learn_links(scene, state.tracklets, likeness, origin, share, t)
     before = jnp.maximum(origin, 0)
-    goes_on = (origin != NO_SLOT) & (state.tracklets.last[before] == frame - 1)
+    goes_on = (origin != NO_SLOT) & state.tracklets.just_seen[before]
     scene = learn_names(
         scene, state.tracklets.class_id[before], sightings.class_id, jnp.where(goes_on, share, 0.0)
     )
@@ -185,7 +200,7 @@ def _advance(
     decisions = report(verdicts, weighed.belief, moves, here, present, sightings, static, t)
     # What does that teach?
     scene, objects = learn_newness(scene, objects, choice, here.class_id, t.decision)
-    ended = find_ended(tracklets, frame, t.decision)
+    ended = find_ended(tracklets, t.decision)
     unseen = len(ended) - num
     touches = jnp.pad(sightings.touches, (0, unseen), constant_values=True)
     objects, pairs, slots = create_objects(
@@ -214,17 +229,19 @@ def _advance(
     )
     sure = sightings.valid & (slot != NO_SLOT)
     row = rows_of(slot, sure, static.num_objects)
+    teaches = sure & counts
+    teacher = rows_of(slot, teaches, static.num_objects)
     objects, pairs = correct_map(
-        objects, pairs, slot, sure, sure & ~choice.born, sightings, t.place
+        objects, pairs, slot, teaches, teaches & ~choice.born, sightings, t.place
     )
     since_first = jnp.sum(white[0] * white[1], axis=1)
     scene = learn_cosines(
-        scene, objects, here, sure, choice, cosine, since_first, share, frame, t.calibration
+        scene, objects, here, sure, choice, cosine, since_first, share, state.ticks, t.calibration
     )
-    objects, scene = learn_speeds(objects, scene, here, row, t.mobility)
-    pairs = learn_relations(objects, pairs, row, sightings, t.layout, t.mobility)
-    objects = learn_objects(objects, row, sightings, frame)
-    looks_in_view = KeptLooks.in_view(objects, here, sure, sightings, t.memory)
+    objects, scene = learn_speeds(objects, scene, here, teacher, t.mobility)
+    pairs = learn_relations(objects, pairs, teacher, sightings, tick, t.layout, t.mobility)
+    objects = learn_objects(objects, teacher, sightings, frame)
+    looks_in_view = KeptLooks.in_view(objects, here, sure, counts, sightings, t.memory)
     objects = keep_looks(objects, scene, (*looks_of_others, looks_in_view), t.memory)
     after = PlusState(
         objects=objects,
@@ -233,6 +250,8 @@ def _advance(
         scene=scene,
         next_id=next_id,
         frame=frame + 1,
+        ticks=state.ticks + is_tick,
+        phase=jnp.where(is_tick, passed - 1.0, passed),
         decisions=decisions,
         answers=verdicts.answers,
         overflow=Overflow(objects=jnp.int32(0), pending=jnp.int32(0)),

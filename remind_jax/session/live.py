@@ -293,7 +293,7 @@ class Tracker(Printable):
         with_closeups = self._features.wants_closeups(self.config.input.closeups)
         return FramePreparer(self.method, self.backbone.patch_px, with_closeups)
 
-    def update(self, frame: Any, detections: Any = None) -> Tracks:
+    def update(self, frame: Any, detections: Any = None, *, time_s: float | None = None) -> Tracks:
         """Takes the next frame and says who is who in it.
 
         Args:
@@ -301,12 +301,16 @@ class Tracker(Printable):
           detections: `Detections`, what YOLO, RF-DETR or SAM gave, masks `[N, H, W]`, boxes as a
             mapping: any form of `remind_jax.sources.detections_from`; left out for a `Frame` that
             holds them.
+          time_s: When it was taken, in seconds of any clock; left out, frames come ten a second,
+            or as a `Frame` says.
 
         Raises:
           SourceError: If the frame is smaller than a patch, or masks and frame do not agree.
         """
         if not isinstance(frame, Frame):
             frame = frame_of(frame, 0 if self.state is None else int(self.state.frame))
+        if time_s is not None:
+            frame = dataclasses.replace(frame, time_s=time_s, is_timed=True)
         check_frame(frame)
         if detections is not None:
             from remind_jax.sources.detections import detections_from

@@ -46,6 +46,7 @@ class FramePreparer:
     Attributes:
       class_ids: Number of each class met so far, by name.
       last_image: Of the last frame prepared, if the method observes images.
+      last_time_s: Of the last frame, if that was measured.
     """
 
     def __init__(self, method: Method, patch_px: int, with_closeups: bool = False) -> None:
@@ -57,6 +58,7 @@ class FramePreparer:
         self._method, self._patch_px, self._with_closeups = method, patch_px, with_closeups
         self.class_ids: dict[str, int] = {}
         self.last_image: np.ndarray | None = None
+        self.last_time_s: float | None = None
 
     def prepare(self, frame: Frame, config: Config) -> Prepared:
         """Drops ignored classes, aligns frame and masks to whole patches, and reduces the masks.
@@ -101,7 +103,7 @@ class FramePreparer:
         spent = {"masks": 1000 * (reduced_at - start)}
         observed = None
         if self._method.needs.observe is not None:
-            observed = self._method.needs.observe(self.last_image, image)
+            observed = self._method.needs.observe(self.last_image, image, self._elapse(frame))
             self.last_image = image
             spent["observe"] = 1000 * (time.perf_counter() - reduced_at)
         return Prepared(
@@ -123,10 +125,19 @@ class FramePreparer:
         Raises:
           SourceError: If the frame is smaller than a patch.
         """
-        if self._method.needs.observe is None or frame.features is not None:
+        if self._method.needs.observe is None:
+            return
+        self._elapse(frame)
+        if frame.features is not None:
             return
         alignment = self._align(frame, config)
         self.last_image = None if frame.image is None else alignment.align_image(frame.image)
+
+    def _elapse(self, frame: Frame) -> float | None:
+        """Seconds since the last frame, if they are known."""
+        last, self.last_time_s = self.last_time_s, frame.time_s if frame.is_timed else None
+        known = last is not None and self.last_time_s is not None
+        return self.last_time_s - last if known else None
 
     def _align(self, frame: Frame, config: Config) -> Alignment:
         """How the frame becomes whole patches."""

@@ -25,7 +25,7 @@ from remind_jax.sources.label_maps import (
     instance_ids_in,
     require_classes,
 )
-from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
+from remind_jax.sources.source import DEFAULT_IMAGE_FPS, Content, Entry, Report, UnreadableFrame
 
 
 class ItemReader:
@@ -46,14 +46,14 @@ class ItemReader:
         self,
         items: Iterable[Any],
         name: str,
-        fps: float,
+        fps: float | None,
         class_names: ClassNaming | None = None,
     ) -> None:
         self.name = name
-        self.fps: float | None = fps
+        self.fps: float = fps or DEFAULT_IMAGE_FPS
         self.num_entries: int | None = _length(items)
         self.entry_names: tuple[str, ...] | None = None
-        self._items, self._interval_s, self._class_names = items, 1 / fps, class_names
+        self._items, self._class_names, self._is_timed = items, class_names, fps is not None
         self._is_used_up = False
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
@@ -70,11 +70,11 @@ class ItemReader:
         for index, item in enumerate(iterator):
             if isinstance(item, Frame):
                 read = functools.partial(Content, item.image, item.detections, item.features)
-                yield Entry(item.source_index, item.time_s, item.name, read)
+                yield Entry(item.source_index, item.time_s, item.name, read, item.is_timed)
                 continue
             name = Path(item).name if isinstance(item, str | Path) else f"{index:06d}"
             read = functools.partial(_read_item, item, index, self._class_names)
-            yield Entry(index, index * self._interval_s, name, read)
+            yield Entry(index, index / self.fps, name, read, self._is_timed)
 
 
 class ArrayMasks:

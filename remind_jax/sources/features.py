@@ -22,7 +22,7 @@ from remind_jax.sources.label_maps import (
     instance_ids_in,
     require_classes,
 )
-from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
+from remind_jax.sources.source import DEFAULT_IMAGE_FPS, Content, Entry, Report, UnreadableFrame
 
 FEATURE_SUFFIXES = (".npz", ".npy")
 MAX_NAME = 1000  # characters of the name of a frame
@@ -43,7 +43,7 @@ class FeatureReader:
         self,
         arrays: Mapping[str, np.ndarray],
         name: str,
-        fps: float,
+        fps: float | None,
         file: str,
         classes: ClassNames,
         unlabelled: Unlabelled,
@@ -52,8 +52,10 @@ class FeatureReader:
         self._arrays = arrays
         self.name = name
         self.num_entries: int | None = len(self._arrays["features"])
-        self._times_s = self._arrays.get("times_s", np.arange(self.num_entries) / fps)
-        self.fps: float | None = _rate(self._times_s, fps)
+        self._is_timed = "times_s" in self._arrays or fps is not None
+        shown_fps = fps or DEFAULT_IMAGE_FPS
+        self._times_s = self._arrays.get("times_s", np.arange(self.num_entries) / shown_fps)
+        self.fps: float | None = _rate(self._times_s, shown_fps)
         self._names = tuple(
             str(n)
             for n in self._arrays.get("names", [f"{i:06d}" for i in range(len(self._times_s))])
@@ -68,7 +70,7 @@ class FeatureReader:
         del report
         for index, name in enumerate(self._names):
             read = functools.partial(self._read, index)
-            yield Entry(index, float(self._times_s[index]), name, read)
+            yield Entry(index, float(self._times_s[index]), name, read, self._is_timed)
 
     def _read(self, index: int) -> Content:
         with np.errstate(over="ignore"):

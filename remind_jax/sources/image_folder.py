@@ -10,7 +10,7 @@ from remind_jax.errors import SourceError
 from remind_jax.formats.pictures import IMAGE_SUFFIXES, decode_image
 from remind_jax.frame import SkippedFrame
 from remind_jax.sources.file_tree import FileTree, join, require_inside
-from remind_jax.sources.source import Content, Entry, Report
+from remind_jax.sources.source import DEFAULT_IMAGE_FPS, Content, Entry, Report
 
 # Pictures as well, which are not read.
 OTHER_SUFFIXES = (
@@ -33,7 +33,7 @@ class ImageReader:
         tree: FileTree,
         folder: str,
         name: str,
-        fps: float,
+        fps: float | None,
         file_names: Sequence[str] | None = None,
     ) -> None:
         self._others: list[str] = []
@@ -54,17 +54,17 @@ class ImageReader:
                 f"'{tree.locate(folder)}' holds no images ({', '.join(IMAGE_SUFFIXES)})"
             )
         self.name = name
-        self.fps: float | None = fps
+        self.fps: float = fps or DEFAULT_IMAGE_FPS
         self.num_entries: int | None = len(file_names)
         self.entry_names: tuple[str, ...] | None = tuple(file_names)
-        self._tree, self._folder, self._interval_s = tree, folder, 1 / fps
+        self._tree, self._folder, self._is_timed = tree, folder, fps is not None
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
         """Yields one entry per picture."""
         for index, name in enumerate(self.entry_names or ()):
             path = join(self._folder, name)
             read = functools.partial(_read, self._tree, path)
-            yield Entry(index, index * self._interval_s, name, read)
+            yield Entry(index, index / self.fps, name, read, self._is_timed)
         if self._others:
             suffix = PurePosixPath(self._others[0]).suffix
             reason = f"pictures of the kind {suffix} are not read; convert them to PNG or JPEG"

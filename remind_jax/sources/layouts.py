@@ -29,7 +29,7 @@ class Choice:
     sequence: str | None = None  # of a DAVIS folder
     metadata: Path | None = None
     unlabelled: Unlabelled = "error"  # what an instance without class is
-    image_fps: float = 30.0
+    image_fps: float | None = None  # of images without times
 
 
 # Frames, and what opens the masks where the layout has them.

@@ -28,7 +28,6 @@ from remind_jax.sources.live_source import RECONNECT_S, LiveOptions, open_live
 from remind_jax.sources.sampling import MAX_RATE, MIN_RATE, Sampling
 from remind_jax.sources.source import MaskProvider, Reader, SampledSource, Source
 
-DEFAULT_IMAGE_FPS = 30.0
 NO_MASKS = "none"
 
 MAX_NAME = 1000  # characters
@@ -67,7 +66,7 @@ def open_source(
     metadata: str | Path | None = None,
     sequence: str | None = None,
     unlabelled: Unlabelled = "error",
-    image_fps: float = DEFAULT_IMAGE_FPS,
+    image_fps: float | None = None,
     allow_size_change: bool = False,
     class_names: ClassNaming | None = None,
     name: str | None = None,
@@ -90,7 +89,8 @@ def open_source(
       sequence: Which one, where a DAVIS folder holds several.
       unlabelled: Whether annotated instances without class are an `"error"`, or `"skip"` leaves
         them out as the original tracker does.
-      image_fps: Images per second where there are no time stamps.
+      image_fps: Images per second where there are no time stamps; left out, it is not known: times
+        are told as at 30, and no tracker reads them.
       allow_size_change: Yield frames whose size differs from the first; else they are skipped.
       class_names: Names of class ids (or instance ids of instance maps) of detections in memory.
       name: Name of the sequence; that of the file or folder if left out.
@@ -102,7 +102,8 @@ def open_source(
       ConfigError: If an option is out of range.
     """
     chosen = _check_sampling(sampling)
-    check_option("image_fps", image_fps, MIN_RATE, MAX_RATE, whole=False)
+    if image_fps is not None:
+        check_option("image_fps", image_fps, MIN_RATE, MAX_RATE, whole=False)
     for option, value in (("sequence", sequence), ("name", name)):
         is_name = isinstance(value, str) and 0 < len(value) <= MAX_NAME and is_text(value)
         if value is not None and not is_name:

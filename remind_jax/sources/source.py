@@ -46,6 +46,9 @@ class Content:
     features: Float[np.ndarray, "Hp Wp D"] | None = None
 
 
+DEFAULT_IMAGE_FPS = 30.0  # of images without times; what is shown of time follows it
+
+
 @dataclasses.dataclass(frozen=True)
 class Entry:
     """One frame of a storage, not yet decoded: skipping it costs nothing."""
@@ -54,6 +57,7 @@ class Entry:
     time_s: float
     name: str
     read: Callable[[], Content]  # raises UnreadableFrame
+    is_timed: bool = True  # `time_s` was measured
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", as_text(self.name))
@@ -170,6 +174,7 @@ class SampledSource:
             content.image,
             content.detections,
             content.features,
+            entry.is_timed,
         )
         is_same_size = content.image is None or first_size in (None, frame.size)
         if not is_same_size and not self._allow_size_change:

@@ -52,10 +52,14 @@ def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
     return dataclasses.replace(begun, **fields)
 
 
-def motion(shift=(0.0, 0.0), score: float = 1.0) -> Motion:
+TICK = jnp.float32(1)
+
+
+def motion(shift=(0.0, 0.0), score: float = 1.0, elapsed: float = 1.0) -> Motion:
     """A shift of the whole image, in frame units."""
     matrix = np.concatenate([np.eye(2), np.reshape(shift, (2, 1))], axis=1)
-    return Motion(jnp.asarray(matrix, jnp.float32), jnp.float32(score), jnp.array([480, 640]))
+    score, elapsed = jnp.float32(score), jnp.float32(elapsed)
+    return Motion(jnp.asarray(matrix, jnp.float32), score, jnp.array([480, 640]), elapsed)
 
 
 def empty_state() -> PlusState:

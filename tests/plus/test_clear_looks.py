@@ -52,7 +52,9 @@ def test_places_that_lie_alike_are_told_apart_over_cuts(num_classes, seed):
         for row in things
     ]
     sightings = jax.tree.map(lambda *leaves: np.stack(leaves), *seen)
-    unknown = Motion(np.eye(2, 3, dtype=np.float32), np.float32(0), np.array([480, 640], np.int32))
+    unknown = Motion(
+        np.eye(2, 3, dtype=np.float32), np.float32(0), np.array([480, 640], np.int32), np.float32(1)
+    )
     motion = jax.tree.map(lambda leaf: np.stack([leaf] * len(things)), unknown)
     answers = np.asarray(follow(sightings, motion))
     last = answers[NUM_FRAMES - 1 :: NUM_FRAMES]

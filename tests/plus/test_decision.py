@@ -22,7 +22,12 @@ NEW = Decision().new
 def decide_alone(age: int, odds: float, tentative: float) -> Choice:
     """One open tracklet; how familiar the scene is counts for nothing."""
     static = Static(num_detections=1, num_objects=4, feature_dim=3)
-    here = dataclasses.replace(no_tracklets(1, 3), age=jnp.array([age]), class_id=jnp.array([0]))
+    here = dataclasses.replace(
+        no_tracklets(1, 3),
+        age=jnp.array([age]),
+        duration=jnp.array([1.0 * age]),
+        class_id=jnp.array([0]),
+    )
     evidence = jnp.array([[odds]])
     candidate = Shortlist(
         slot=jnp.array([[SLOT]]),

@@ -11,8 +11,8 @@ import numpy as np
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import evidence
 from remind_jax.plus.class_names import confusion_odds, name_odds
+from remind_jax.plus.clock import MISSED_TICKS
 from remind_jax.plus.evidence import Rows, best_cosine, mix, shortlist
-from remind_jax.plus.static import MISSED_FRAMES
 from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
 
 LOOKS = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
@@ -99,17 +99,17 @@ def test_rows_are_open_until_decided_and_late_for_some_frames():
 
 
 def test_what_ends_undecided_as_new_is_remembered():
-    for age, leans_new, gap, ends in (
-        (2, True, MISSED_FRAMES, True),
-        (1, True, MISSED_FRAMES, False),  # too brief
-        (2, False, MISSED_FRAMES, False),  # taken for a known object
-        (2, True, MISSED_FRAMES - 1, False),  # may resume
+    for age, leans_new, unseen, ends in (
+        (2, True, MISSED_TICKS, True),
+        (1, True, MISSED_TICKS, False),  # too brief
+        (2, False, MISSED_TICKS, False),  # taken for a known object
+        (2, True, MISSED_TICKS - 1, False),  # may resume
     ):
-        tracklets = tracklets_of(
-            detections([[1, 1]] * 3), 0, 3, age=np.full(3, age), leans_new=np.full(3, leans_new)
-        )
-        found = evidence.find_ended(tracklets, jnp.int32(gap), T.decision)
-        assert bool(found.all()) == ends, (age, leans_new, gap)
+        fields = {"age": age, "leans_new": leans_new, "unseen": unseen}
+        fields = {name: np.full(3, value) for name, value in fields.items()}
+        tracklets = tracklets_of(detections([[1, 1]] * 3), 0, 3, **fields)
+        found = evidence.find_ended(tracklets, T.decision)
+        assert bool(found.all()) == ends, (age, leans_new, unseen)
 
 
 def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():

@@ -12,9 +12,7 @@ import pytest
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import linking
 from remind_jax.plus.class_names import confusion_odds, name_odds
-from remind_jax.plus.observation import Motion
-from remind_jax.plus.static import MISSED_FRAMES
-from tests.plus.frames import T, detections, empty_state, motion, tracklets_of
+from tests.plus.frames import TICK, T, detections, empty_state, motion, tracklets_of
 
 ROOM = 8
 SCENE = empty_state().scene
@@ -24,7 +22,7 @@ carry, advance_tracklets = jax.jit(linking.carry), jax.jit(linking.advance_track
 @jax.jit
 def join(seen, tracklets, cosine=np.ones((3, ROOM), np.float32)):  # noqa: B008
     names = name_odds(seen.class_id, tracklets.class_id, confusion_odds(SCENE, T.names))
-    links = linking.score_links(tracklets, seen, cosine, names, jnp.int32(1), T.linking, T.mobility)
+    links = linking.score_links(tracklets, seen, cosine, names, TICK, T.linking, T.mobility)
     return linking.link(links, T.linking)
 
 
@@ -60,7 +58,7 @@ def test_looks_decide_where_two_lie_alike():
 
 def test_tracklets_are_carried_along_with_shift_and_zoom():
     tracklets = tracklets_of(detections([[1, 1], [2, 2], [3, 3]]), 0, ROOM)
-    zoomed = Motion(jnp.array([[2.0, 0, 1], [0, 2.0, 0]]), jnp.float32(1), jnp.array([480, 640]))
+    zoomed = dataclasses.replace(motion(), matrix=jnp.array([[2.0, 0, 1], [0, 2.0, 0]]))
     carried = carry(tracklets, zoomed, T.mobility)
     np.testing.assert_allclose(carried.center[0], [3, 2])
     np.testing.assert_allclose(carried.box[0], [2, 1, 4, 3])  # twice as large around it
@@ -74,8 +72,8 @@ def test_looks_are_smoothed_and_new_tracklets_are_numbered():
     now = dataclasses.replace(before, look=before.look + 1.0)
     origin = jnp.array([0, NO_SLOT, 2])
     after, next_id, step = advance_tracklets(
-        tracklets, now, origin, jnp.int32(1), jnp.int32(7), jnp.float32(0), jnp.float32(1),
-        T.linking, T.mobility,
+        tracklets, now, origin, jnp.int32(1), jnp.int32(7), now.valid, TICK, jnp.float32(0),
+        jnp.float32(1), T.linking, T.mobility,
     )  # fmt: skip
     assert after.age[:3].tolist() == [2, 1, 2]
     assert after.id[:3].tolist() == [0, 7, 2]
@@ -86,16 +84,19 @@ def test_looks_are_smoothed_and_new_tracklets_are_numbered():
     np.testing.assert_allclose(step[0], 1.0)
 
 
-@pytest.mark.parametrize(("gap", "waits"), [(MISSED_FRAMES, True), (MISSED_FRAMES + 1, False)])
-def test_a_missed_tracklet_may_resume_for_some_frames(gap, waits):
-    tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM)
+@pytest.mark.parametrize(("missed", "waits"), [(7, True), (8, False)])
+def test_a_missed_tracklet_may_resume_for_some_ticks(missed, waits):
+    unseen = jnp.full(ROOM, float(missed))
+    tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM, unseen=unseen)
     nothing = detections([[0, 0]] * 3, valid=jnp.zeros(3, bool))
     after, _, _ = advance_tracklets(
         tracklets,
         nothing,
         jnp.full(3, NO_SLOT),
-        jnp.int32(gap),
+        jnp.int32(missed + 1),
         jnp.int32(3),
+        nothing.valid,
+        TICK,
         jnp.float32(0),
         jnp.float32(1),
         T.linking,

@@ -40,7 +40,7 @@ def used(detections: int, objects: int) -> tuple[int, int]:
         frame_center=real((2,)),
         num_bad_patches=whole(()),
     )
-    motion = Motion(real((2, 3)), real(()), whole((2,)))
+    motion = Motion(real((2, 3)), real(()), whole((2,)), real(()))
     step = functools.partial(advance, static=static, thresholds=PlusThresholds())
     state = init(static)
     compiled = jax.jit(step, donate_argnums=0).lower(state, sightings, motion, flag(num)).compile()

@@ -18,7 +18,7 @@ def believed(shift, estimate):
     """The shift that is believed where all detections moved by `shift`."""
     tracklets = tracklets_of(detections(PLACES), 0, 3)
     seen = detections(PLACES + np.asarray(shift))
-    found, _ = check_motion(estimate, tracklets, seen, SAME, SAME, jnp.int32(1), T)
+    found, _ = check_motion(estimate, tracklets, seen, SAME, SAME, T)
     return np.asarray(found.matrix[:, 2]), float(found.score)
 
 
@@ -39,6 +39,6 @@ def test_a_wrong_estimate_gives_way_to_what_detections_agree_on():
 def test_too_few_that_agree_imply_nothing():
     tracklets = tracklets_of(detections(PLACES), 0, 3)
     apart = detections(PLACES + np.array([[1.0, 0], [-1.0, 0], [0, 2.0]]))
-    implied = imply_motion(tracklets, apart, SAME, jnp.int32(1), T.motion)
+    implied = imply_motion(tracklets, apart, SAME, T.motion)
     assert implied["score"] == 0
     np.testing.assert_allclose(implied["matrix"], np.eye(2, 3))

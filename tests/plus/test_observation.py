@@ -21,7 +21,9 @@ def seen(scale: int = 1, value: float = 1.0, unit_patches: bool = False, shift=(
     feats = FrameFeats(jnp.asarray(patches), jnp.array([height, width]))
     masks = reduce_masks(mask, np.zeros(1, np.int32), np.ones(1), num_slots=2, patch_px=patch)
     matrix = np.concatenate([np.eye(2), np.reshape(shift, (2, 1))], axis=1)
-    motion = Motion(jnp.asarray(matrix, jnp.float32), jnp.float32(1), jnp.array([height, width]))
+    motion = Motion(
+        jnp.asarray(matrix, jnp.float32), jnp.float32(1), jnp.array([height, width]), jnp.float32(1)
+    )
     return observe(feats, masks, motion, jnp.array(unit_patches))
 
 

@@ -14,7 +14,7 @@ from remind_jax.plus import evidence, learning, linking, own_movement, scene_map
 from remind_jax.plus.own_movement import first_speed, mobility, speed_of
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import NO_RELATION
-from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
+from tests.plus.frames import TICK, T, detections, empty_state, objects_of, tracklets_of
 from tests.plus.test_scene_map import motion
 
 ROOM = 9
@@ -57,6 +57,8 @@ def follow(
             origin,
             jnp.int32(frame),
             jnp.int32(9),
+            seen.valid,
+            TICK,
             jnp.float32(shift),
             jnp.float32(doubt),
             T.linking,
@@ -129,8 +131,8 @@ def test_a_place_is_lost_as_fast_as_its_object_moves():
         objects = dataclasses.replace(objects, last=jnp.zeros(4, jnp.int32))
         for frame in range(1, 30):
             objects, pairs = move_map(
-                objects, pairs, STILL, jnp.array([3.2, 2.4]), jnp.int32(frame), T.motion,
-                T.mobility,
+                objects, pairs, STILL, jnp.array([3.2, 2.4]), jnp.int32(frame),
+                jnp.float32(1), T.motion, T.mobility,
             )  # fmt: skip
         grown.append(jnp.diag(pairs.covariance))
     assert grown[1][0] > 20 * grown[0][0]
@@ -143,10 +145,10 @@ def test_a_relation_is_forgotten_as_fast_as_its_objects_move():
         objects, state = with_speed(speed), empty_state()
         seen = detections(START)
         row = jnp.array([0, 1, 2, NO_ROW])
-        pairs = learn_relations(objects, state.pairs, row, seen, T.layout, T.mobility)
+        pairs = learn_relations(objects, state.pairs, row, seen, TICK, T.layout, T.mobility)
         nobody = jnp.full(4, NO_ROW)
         for _ in range(20):
-            pairs = learn_relations(objects, pairs, nobody, seen, T.layout, T.mobility)
+            pairs = learn_relations(objects, pairs, nobody, seen, TICK, T.layout, T.mobility)
         spreads.append(pairs.spread)
     assert spreads[0][0, 1] < 0.5
     assert spreads[1][0, 1] > NO_RELATION
@@ -183,7 +185,7 @@ def test_an_unlinked_detection_begins_at_rest():
     tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
     fresh, _, _ = advance_tracklets(
         tracklets, detections(START), jnp.full(3, NO_SLOT), jnp.int32(12), jnp.int32(9),
-        jnp.float32(0), jnp.float32(1), T.linking, T.mobility,
+        jnp.ones(3, bool), TICK, jnp.float32(0), jnp.float32(1), T.linking, T.mobility,
     )  # fmt: skip
     assert not fresh.drift[:3].any()
     assert not fresh.num_moves[:3].any()

@@ -12,6 +12,7 @@ from remind_jax.plus import scene_map
 from remind_jax.plus.observation import Motion
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
+from tests.plus.frames import TICK
 from tests.plus.walls import STATIC, pan
 
 T = PlusThresholds().as_arrays()
@@ -35,16 +36,17 @@ def memory(position: np.ndarray, covariance: np.ndarray):
 
 def motion(shift, score: float) -> Motion:
     matrix = np.concatenate([np.eye(2), np.reshape(shift, (2, 1))], axis=1)
-    return Motion(jnp.asarray(matrix, jnp.float32), jnp.float32(score), jnp.array([480, 640]))
+    score, elapsed = jnp.float32(score), jnp.float32(1)
+    return Motion(jnp.asarray(matrix, jnp.float32), score, jnp.array([480, 640]), elapsed)
 
 
 def test_places_move_with_the_image_and_doubt_grows_faster_without_trust():
     objects, pairs = memory(np.array([[1.0, 1.0], [9.0, 2.0]]), 0.01 * np.eye(2))
     moved, trusted = move_map(
-        objects, pairs, motion((-0.5, 0.1), 0.9), CENTER, jnp.int32(1), T.motion, T.mobility
+        objects, pairs, motion((-0.5, 0.1), 0.9), CENTER, jnp.int32(1), TICK, T.motion, T.mobility
     )
     _, doubted = move_map(
-        objects, pairs, motion((-0.5, 0.1), 0.0), CENTER, jnp.int32(1), T.motion, T.mobility
+        objects, pairs, motion((-0.5, 0.1), 0.0), CENTER, jnp.int32(1), TICK, T.motion, T.mobility
     )
     np.testing.assert_allclose(moved.position[:2], [[0.5, 1.1], [8.5, 2.1]], atol=1e-5)
     before, sure, unsure = (p.covariance[0, 0] for p in (pairs, trusted, doubted))
@@ -76,7 +78,7 @@ def test_rounding_leaves_a_covariance_through_years_of_doubt():
     @jax.jit
     def frame(objects, pairs, moved, now, chosen, score):
         objects, pairs = move_map(
-            objects, pairs, motion_of(moved, score), CENTER, now, T.motion, T.mobility
+            objects, pairs, motion_of(moved, score), CENTER, now, TICK, T.motion, T.mobility
         )
         sure = jnp.arange(slots) < 4
         place = objects.position[chosen] + 0.05
@@ -86,7 +88,7 @@ def test_rounding_leaves_a_covariance_through_years_of_doubt():
 
     def motion_of(moved, score):
         matrix = jnp.concatenate([jnp.eye(2), moved[:, None]], axis=1)
-        return Motion(matrix, score, jnp.array([480, 640]))
+        return Motion(matrix, score, jnp.array([480, 640]), jnp.float32(1))
 
     for now in range(1, 400):
         chosen = jnp.asarray(rng.choice(num, slots, replace=False), jnp.int32)

@@ -14,7 +14,6 @@ import pytest
 from remind_jax.decision import Outcome
 from remind_jax.method import get_method
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.plus.observation import Motion
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
@@ -49,6 +48,30 @@ def test_things_get_their_identity_back_after_an_absence():
     _, verdicts, _, _ = follow(walk)
     assert share_right(walk.thing, verdicts.answer_id) > 0.97
     assert len(np.unique(verdicts.answer_id[walk.thing != NO_TRUTH])) <= 12
+
+
+def test_what_a_fast_camera_shows_counts_by_the_clock():
+    slow, fast = pan(), pan(frames=270)
+    thirds = dataclasses.replace(fast.motion, elapsed=np.full(270, 1 / 3, np.float32))
+    timed = Walk(fast.sightings, thirds, fast.thing)
+    by_clock, verdicts, _, _ = follow(timed)
+    seen, seen_by_clock, seen_by_frame = (
+        float(jnp.sum(state.objects.seen)) for state in (follow(slow)[0], by_clock, follow(fast)[0])
+    )
+    assert share_right(fast.thing, verdicts.answer_id) > 0.97
+    assert by_clock.ticks == 90
+    assert seen_by_clock == pytest.approx(seen, rel=0.1)
+    assert seen_by_frame > 2 * seen
+
+
+def test_a_slow_camera_takes_half_the_detections_to_decide():
+    walk = pan()
+    seconds = dataclasses.replace(walk.motion, elapsed=np.full(90, 10.0, np.float32))
+    decided = [
+        follow(Walk(walk.sightings, motion, walk.thing))[1].is_decided[:, 0]
+        for motion in (walk.motion, seconds)
+    ]
+    assert [int(np.argmax(one)) for one in decided] == [7, 3]
 
 
 def test_place_tells_apart_what_looks_the_same():
@@ -160,7 +183,7 @@ def test_a_lying_image_motion_is_found_out():
     matrix = walk.motion.matrix.copy()
     lies = rng.random(len(matrix)) < 0.15
     matrix[lies, :, 2] += rng.choice([-1, 1], (int(lies.sum()), 2)) * 1.5
-    motion = Motion(matrix, walk.motion.score, walk.motion.frame_size)
+    motion = dataclasses.replace(walk.motion, matrix=matrix)
     lied = Walk(walk.sightings, motion, walk.thing)
     _, checked, _, _ = follow(lied)
     _, trusting, _, _ = follow(lied, changed(PlusThresholds(), "motion", checked=False))

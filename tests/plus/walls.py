@@ -72,7 +72,7 @@ def pan(
     matrix[1:, 0, 2] = -np.diff(camera)
     walk["frame_center"][:] = (3.2, 2.4)
     size_px = np.tile(np.int32([480, 640]), (frames, 1))
-    motion = Motion(matrix, np.full(frames, 0.9, np.float32), size_px)
+    motion = Motion(matrix, np.full(frames, 0.9, np.float32), size_px, np.ones(frames, np.float32))
     return Walk(Sightings(**walk), motion, thing)
 
 

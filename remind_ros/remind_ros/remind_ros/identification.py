@@ -20,6 +20,7 @@ from remind_jax.session.live import Tracker
 from remind_jax.tracks import Tracks, title_of
 from remind_ros.detections import read_detections
 from remind_ros.images import read_instance_map, read_picture
+from remind_ros.pairing import stamp_ns
 
 MakeMessage = Callable[..., Any]  # (type name, **fields) -> message
 
@@ -80,7 +81,7 @@ class Identification:
         numbers = None if instance_map is None else read_instance_map(instance_map)
         size = (picture.shape[0], picture.shape[1])
         seen = read_detections(size, numbers, boxes, self._class_names)
-        tracks = self.tracker.update(picture, seen)
+        tracks = self.tracker.update(picture, seen, time_s=stamp_ns(image) / 1e9)
         step_ms = 1000 * (time.perf_counter() - start)
         rows = range(len(tracks))
         detections = self._make(
