@@ -48,8 +48,7 @@ def observe_motion(
 
 def _motion(matrix: np.ndarray, score: float, size: np.ndarray, elapsed: float) -> Motion:
     """With the types that never change from frame to frame."""
-    matrix, score, elapsed = (np.asarray(leaf, np.float32) for leaf in (matrix, score, elapsed))
-    return Motion(matrix, score, size, elapsed)
+    return Motion(np.asarray(matrix, np.float32), np.float32(score), size, np.float32(elapsed))
 
 
 def _reduce(image: np.ndarray) -> np.ndarray:

@@ -135,9 +135,9 @@ class FramePreparer:
 
     def _elapse(self, frame: Frame) -> float | None:
         """Seconds since the last frame, if they are known."""
-        last, self.last_time_s = self.last_time_s, frame.time_s if frame.is_timed else None
-        known = last is not None and self.last_time_s is not None
-        return self.last_time_s - last if known else None
+        last_s, now_s = self.last_time_s, frame.time_s if frame.is_timed else None
+        self.last_time_s = now_s
+        return None if last_s is None or now_s is None else now_s - last_s
 
     def _align(self, frame: Frame, config: Config) -> Alignment:
         """How the frame becomes whole patches."""

@@ -50,7 +50,9 @@ class ItemReader:
         class_names: ClassNaming | None = None,
     ) -> None:
         self.name = name
-        self.fps: float = fps or DEFAULT_IMAGE_FPS
+        shown_fps = fps or DEFAULT_IMAGE_FPS
+        self.fps: float | None = shown_fps
+        self._interval_s = 1 / shown_fps
         self.num_entries: int | None = _length(items)
         self.entry_names: tuple[str, ...] | None = None
         self._items, self._class_names, self._is_timed = items, class_names, fps is not None
@@ -74,7 +76,7 @@ class ItemReader:
                 continue
             name = Path(item).name if isinstance(item, str | Path) else f"{index:06d}"
             read = functools.partial(_read_item, item, index, self._class_names)
-            yield Entry(index, index / self.fps, name, read, self._is_timed)
+            yield Entry(index, index * self._interval_s, name, read, self._is_timed)
 
 
 class ArrayMasks:

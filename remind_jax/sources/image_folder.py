@@ -54,7 +54,9 @@ class ImageReader:
                 f"'{tree.locate(folder)}' holds no images ({', '.join(IMAGE_SUFFIXES)})"
             )
         self.name = name
-        self.fps: float = fps or DEFAULT_IMAGE_FPS
+        shown_fps = fps or DEFAULT_IMAGE_FPS
+        self.fps: float | None = shown_fps
+        self._interval_s = 1 / shown_fps
         self.num_entries: int | None = len(file_names)
         self.entry_names: tuple[str, ...] | None = tuple(file_names)
         self._tree, self._folder, self._is_timed = tree, folder, fps is not None
@@ -64,7 +66,7 @@ class ImageReader:
         for index, name in enumerate(self.entry_names or ()):
             path = join(self._folder, name)
             read = functools.partial(_read, self._tree, path)
-            yield Entry(index, index / self.fps, name, read, self._is_timed)
+            yield Entry(index, index * self._interval_s, name, read, self._is_timed)
         if self._others:
             suffix = PurePosixPath(self._others[0]).suffix
             reason = f"pictures of the kind {suffix} are not read; convert them to PNG or JPEG"
