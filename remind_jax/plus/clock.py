@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 TICK_S = 0.1  # seconds
 SLACK = 0.01  # ticks; times of frames are rounded
-LEAST_TICK = 0.01  # between frames that bear one time
+LEAST_TICK = 0.01  # between two frames
 MISSED_TICKS = 8.0 - SLACK  # a tracklet survives this long without a detection
 SLOW_TICKS = 2.0  # from here on, frames are so far apart that few of them have to suffice ...
 MOST_SHARE = 7 / 3  # ... to decide: four at least, of `decision.commit_age` = 8 ticks

@@ -134,10 +134,10 @@ class FramePreparer:
         self.last_image = None if frame.image is None else alignment.align_image(frame.image)
 
     def _elapse(self, frame: Frame) -> float | None:
-        """Seconds since the last frame, if they are known."""
+        """Seconds since the last frame; None if no clock tells, or one that stands or goes back."""
         last_s, now_s = self.last_time_s, frame.time_s if frame.is_timed else None
         self.last_time_s = now_s
-        return None if last_s is None or now_s is None else now_s - last_s
+        return None if last_s is None or now_s is None or now_s <= last_s else now_s - last_s
 
     def _align(self, frame: Frame, config: Config) -> Alignment:
         """How the frame becomes whole patches."""

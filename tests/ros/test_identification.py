@@ -62,8 +62,8 @@ def test_an_undecided_detection_names_what_it_may_be(identification, monkeypatch
     show(identification, 0)
     update = identification.tracker.update
 
-    def undecided(*args):
-        tracks = update(*args)
+    def undecided(*args, **options):
+        tracks = update(*args, **options)
         return dataclasses.replace(
             tracks,
             outcome=np.array([Outcome.AMBIGUOUS, Outcome.MATCH]),
