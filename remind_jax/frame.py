@@ -129,7 +129,7 @@ class Frame:
     image: UInt8[np.ndarray, "H W 3"] | None = None  # RGB
     detections: Detections | None = None
     features: Float[np.ndarray, "Hp Wp D"] | None = None
-    is_timed: bool = True  # `time_s` was measured; else it only counts frames
+    is_timed: bool = False  # by a clock; else `time_s` only numbers the frames
 
     @property
     def size(self) -> tuple[int, int]:
@@ -156,7 +156,7 @@ def frame_of(picture: Any, index: int) -> Frame:
         raise SourceError(
             f"the frame is {image.dtype} of shape {image.shape}; give an RGB image, uint8 [H, W, 3]"
         )
-    return Frame(index, index, float(index), str(index), image, is_timed=False)
+    return Frame(index, index, float(index), str(index), image)
 
 
 def check_size(frame_size: Any) -> tuple[int, int]:

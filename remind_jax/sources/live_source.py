@@ -129,7 +129,7 @@ class LiveReader:
                 self.num_missed += arrival.number - last - 1
                 last = arrival.number
                 number, time_s = last - first, arrival.arrived - self.origin
-                yield Entry(number, time_s, f"{number:06d}", arrival.read)
+                yield Entry(number, time_s, f"{number:06d}", arrival.read, is_timed=True)
         finally:
             feed.stop()
             if self.num_missed:

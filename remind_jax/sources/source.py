@@ -57,7 +57,7 @@ class Entry:
     time_s: float
     name: str
     read: Callable[[], Content]  # raises UnreadableFrame
-    is_timed: bool = True  # `time_s` was measured
+    is_timed: bool = False  # as of `Frame`
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", as_text(self.name))

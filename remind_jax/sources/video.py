@@ -65,7 +65,7 @@ class VideoReader:
                 time_s = frame.time if frame.time is not None else index / (self.fps or 1.0)
                 origin_s = time_s if origin_s is None else origin_s
                 read = functools.partial(_read, frame)
-                yield Entry(index, time_s - origin_s, f"{index:06d}", read)
+                yield Entry(index, time_s - origin_s, f"{index:06d}", read, is_timed=True)
                 index += 1
         self._report_missing_end(index, report)
 

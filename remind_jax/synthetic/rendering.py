@@ -150,7 +150,7 @@ def render(scene: Scene) -> Iterator[Frame]:
         last_pose = pose
         detections = _detect(world.face_instance[seen], labels, sensor)
         name = f"{index:05d}"
-        yield Frame(index, pose.source_index, pose.time_s, name, image, detections)
+        yield Frame(index, pose.source_index, pose.time_s, name, image, detections, is_timed=True)
 
 
 def render_sequence(options: SceneOptions) -> RenderedSequence:
