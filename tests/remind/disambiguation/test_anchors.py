@@ -5,13 +5,11 @@ import pytest
 
 from remind_jax.remind.disambiguation import anchors as rules
 from remind_jax.remind.disambiguation.anchors import Group, Voters
-from remind_jax.remind.disambiguation.distance_evidence import KnownDistances, PairOrders
 from tests.statics import make_static
 
-from .scenes import known_pairs, relations_of, thresholds
+from .scenes import known_pairs, thresholds
 
 pytestmark = pytest.mark.usefixtures("x64")
-rate_anchors = jax.jit(rules.rate_anchors)
 choose_anchors = jax.jit(rules.choose_anchors, static_argnums=3)
 find_voters = jax.jit(rules.find_voters, static_argnums=6)
 
@@ -32,23 +30,6 @@ def pair_group(slots=(0, 1)):
 def voters(slots, factor=1.0):
     num = len(slots)
     return Voters(np.ones(num, bool), np.array(slots), np.arange(num), np.full(num, factor))  # pyright: ignore[reportArgumentType]
-
-
-def test_usefulness_of_the_lamp_of_the_page():
-    """method.md#example-lamp, from the distances in millionths that are given there."""
-    edges = KnownDistances(
-        reliability=jnp.full((2, 1), 0.5**0.5),
-        has_gap=jnp.ones((2, 1), bool),
-        distance=jnp.array([[3.033333], [1.010708]]),
-        support=jnp.zeros((2, 1)),
-    )
-    share = jnp.full((2, 2, 1), 1.0)
-    orders = PairOrders(share > 0, 0 * share, share, 2.022625 * share, 0.706447 * share)
-    distance = np.array([[0.0, 0.0, 0.978875], [0.0, 0.0, 2.75], [0.978875, 2.75, 0.0]])
-    lamp = Voters(jnp.array([True]), jnp.array([2]), jnp.array([2]), jnp.ones(1))
-    relations = relations_of(distance)
-    quality = rate_anchors(pair_group(), lamp, edges, orders, relations, thresholds())
-    np.testing.assert_allclose(quality, 0.867661, atol=2e-6)
 
 
 def choose(slots, quality, group=(0, 1), **changes):
@@ -100,24 +81,6 @@ def find(known, matched_slot, *, undecided=(), matched_pass=None, eligible=None,
     return list(zip(found.slot.tolist(), found.place.tolist(), found.factor.tolist(), strict=True))
 
 
-def test_decided_objects_come_first_and_lend_their_place():
-    found = find([[0.9, 0.8], [0.7, 0.8]], [0, -1])
-    assert found[0] == (0, 0, 1.0)
-    assert found[1] == (1, 1, pytest.approx(0.65 + 0.35 * 0.8))
-
-
-def test_a_likely_object_that_is_decided_keeps_the_decided_place():
-    found = find([[0.9], [0.95]], [0, -1])
-    assert [entry[:2] for entry in found] == [(0, 0), (0, 0)]
-
-
-def test_the_later_match_lends_the_place():
-    known = np.zeros((3, 1))
-    assert [place for _, place, _ in find(known, [0, 0, 0])] == [2, 2, 2]
-    later = find(known, [0, 0, 0], matched_pass=[0, 1, 0])
-    assert [place for _, place, _ in later] == [1, 1, 1]
-
-
 def test_ties_of_likely_objects():
     """The higher id among equal objects, the first among equal detections."""
     assert [entry[:2] for entry in find([[0.8, 0.8], [0.1, 0.8]], [-1, -1])] == [(1, 0)]
@@ -125,8 +88,3 @@ def test_ties_of_likely_objects():
     assert [slot for slot, _, _ in ranked] == [2, 1, 0]
     assert [slot for slot, _, _ in find(np.eye(6), [-1] * 6)] == [5, 4, 3, 2]
     assert len(find(np.eye(6), [-1] * 6, soft_limit=0)) == 6
-
-
-def test_undecided_and_closed_pairs_do_not_vote():
-    assert find([[0.9], [0.74]], [0, -1], undecided=[0]) == []
-    assert find([[0.9], [0.9]], [-1, -1], eligible=[[False], [False]]) == []

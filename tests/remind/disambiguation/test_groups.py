@@ -3,16 +3,13 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.sparse.csgraph import connected_components
 
 from remind_jax.remind.disambiguation.groups import form_groups, measure_affinity
 from tests.statics import make_static
 
 from .scenes import relations_of, thresholds, undecided
 
-NUM_DETECTIONS, NUM_OBJECTS = 7, 6
+NUM_OBJECTS = 6
 _form = jax.jit(form_groups, static_argnames="static")
 _measure = jax.jit(measure_affinity)
 
@@ -40,38 +37,6 @@ def form(present, candidates, class_id, *, exists=None, table=None, distance=Non
             thresholds("float32"),
         )
     )
-
-
-entry_lists = st.lists(
-    st.lists(st.integers(-1, NUM_OBJECTS + 1), min_size=3, max_size=3),
-    min_size=NUM_DETECTIONS,
-    max_size=NUM_DETECTIONS,
-)
-
-
-@given(entry_lists, st.lists(st.booleans(), min_size=7, max_size=7))
-def test_groups_are_components_of_shared_candidates(candidates, present):
-    groups = form(present, candidates, [0] * NUM_DETECTIONS)
-    lists = [set(row) - {-1} if on else set() for row, on in zip(candidates, present, strict=True)]
-    part = [index for index, names in enumerate(lists) if len(names) >= 2]
-    assert set(np.flatnonzero(groups.root >= 0)) == set(part)
-    if not part:
-        return
-    shared = np.array([[bool(lists[a] & lists[b]) for b in part] for a in part])
-    _, labels = connected_components(shared, directed=False)
-    for label in np.unique(labels):
-        members = np.array(part)[labels == label]
-        root = members[0]
-        union = set().union(*(lists[member] for member in members))
-        stored = {name for name in union if name < NUM_OBJECTS}
-        assert np.all(groups.root[members] == root)
-        assert groups.num_detections[root] == len(members)
-        assert groups.num_candidates[root] == len(union)
-        assert groups.fits[root] == (len(members) <= 4 and len(members) <= len(union) <= 5)
-        all_known = all(min(lists[member]) < NUM_OBJECTS for member in members)
-        assert groups.closed[root] == (len(members) == len(stored) >= 2 and all_known)
-    others = np.setdiff1d(np.arange(NUM_DETECTIONS), groups.root)
-    assert not np.any(groups.num_detections[others])
 
 
 def test_two_closed_groups_that_stand_as_remembered_are_one():

@@ -71,9 +71,3 @@ def test_lead_without_a_runner_up():
     assert numbers["second"] == -1
     assert numbers["gap"] == numbers["score"]
     assert numbers["core_gap"] == numbers["core"]
-
-
-def test_equal_scores_go_to_the_first_assignment():
-    _, choice, numbers = settle_rows((0.2, 0.3, 0.5), (0.5, 0.3, 0.5), (0.5, 0.1, 0.5))
-    assert choice == 1
-    assert numbers["gap"] == 0
