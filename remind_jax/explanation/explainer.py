@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic
 
 from remind_jax.config import Config
+from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.decision import Decisions, Outcome, Reason
 from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TRACE_NAME, Record, TraceArchive
@@ -28,11 +29,14 @@ class Explainer(abc.ABC, Generic[Record]):
         """Takes what a run left behind.
 
         Raises:
-          ConfigError: If this version does not know the configuration.
+          ConfigError: If this version does not know the tracker.
         """
         self._archive = archive
         self._tracks = tracks
-        self._config = Config().updated(config)
+        # No sentence names a setting that is gone since the run.
+        own = Config().updated({"tracker": config["tracker"]})
+        known = set(own.keys)
+        self._config = own.updated(nest({k: v for k, v in flatten(config) if k in known}))
 
     @staticmethod
     @abc.abstractmethod

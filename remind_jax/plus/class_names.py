@@ -14,6 +14,8 @@ from remind_jax.plus import thresholds as th
 from remind_jax.plus.state import Scene
 from remind_jax.plus.static import NAME_ROWS
 
+ASSUMED_SAMPLES = 20.0  # detections that what is assumed of names counts for
+
 
 def confusion_odds(scene: Scene, t: th.Names) -> Float[Array, "L L"]:
     """Log odds, 0 at most, that one thing has both names, by rows of classes.
@@ -21,9 +23,9 @@ def confusion_odds(scene: Scene, t: th.Names) -> Float[Array, "L L"]:
     By how often tracklets went on under another name, and by what is assumed of names never seen.
     """
     counts = scene.names + scene.names.T
-    total = jnp.sum(counts, axis=1) + t.samples
-    kept = (jnp.diagonal(counts) + t.samples) / total
-    both = (counts + t.samples * t.confused) / jnp.sqrt(total[:, None] * total[None, :])
+    total = jnp.sum(counts, axis=1) + ASSUMED_SAMPLES
+    kept = (jnp.diagonal(counts) + ASSUMED_SAMPLES) / total
+    both = (counts + ASSUMED_SAMPLES * t.confused) / jnp.sqrt(total[:, None] * total[None, :])
     odds = jnp.log(both) - 0.5 * jnp.log(kept[:, None] * kept[None, :])
     # What is counted of two classes of one row is of both of them alone.
     return jnp.where(jnp.eye(NAME_ROWS, dtype=bool), jnp.log(t.confused), jnp.minimum(odds, 0.0))

@@ -20,7 +20,10 @@ from remind_jax.plus.state import Objects, Scene, Tracklets
 from remind_jax.plus.static import CLASS_ROWS
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
-_ROUNDS = 5  # in which the share of new things settles
+# The running share of new things.
+NEWNESS_RATE = 0.2  # share that one decision changes
+LEAST_NEWNESS = 0.1  # least share that is assumed, of new things and of known ones
+_ROUNDS = 5  # in which it settles
 
 
 @jax.tree_util.register_dataclass
@@ -102,12 +105,12 @@ def expect_new(
     usual = scene.newness[0] + of_class * (scene.newness[row] - scene.newness[0])
 
     def prior(share: Array) -> Array:
-        share = jnp.clip(share, t.familiarity_least, 1.0 - t.familiarity_least)
+        share = jnp.clip(share, LEAST_NEWNESS, 1.0 - LEAST_NEWNESS)
         return t.new + t.familiarity * jnp.log(share / (1.0 - share))
 
     def agree(_: Array, share: Array) -> Array:
         new = jnp.where(young, jax.nn.sigmoid(prior(share) - known), 0.0)
-        weight = t.familiarity_open * t.familiarity_rate
+        weight = t.familiarity_open * NEWNESS_RATE
         return (usual + weight * jnp.sum(new)) / (1.0 + weight * jnp.sum(young))
 
     return prior(jax.lax.fori_loop(0, _ROUNDS, agree, usual))
@@ -119,7 +122,7 @@ def class_row(class_id: Int[Array, "N"]) -> Int[Array, "N"]:
 
 
 def learn_newness(
-    scene: Scene, objects: Objects, choice: Choice, class_id: Int[Array, "N"], t: th.Decision
+    scene: Scene, objects: Objects, choice: Choice, class_id: Int[Array, "N"]
 ) -> tuple[Scene, Objects]:
     """Follows how often young rows turn out to be new, of all and class by class.
 
@@ -129,7 +132,7 @@ def learn_newness(
     visits = objects.visits[jnp.maximum(choice.slot, 0)]
     weight = jnp.where(choice.recognized, 1.0 / jnp.maximum(visits, 1), choice.born)
     rows = jnp.arange(len(scene.newness))[:, None]
-    counts = ((rows == 0) | (rows == class_row(class_id))) * t.familiarity_rate * weight
+    counts = ((rows == 0) | (rows == class_row(class_id))) * NEWNESS_RATE * weight
     left = jnp.prod(1.0 - counts, axis=1)
     share = jnp.sum(counts * choice.born, axis=1) / jnp.maximum(jnp.sum(counts, axis=1), 1e-6)
     row = rows_of(choice.slot, choice.recognized, len(objects.id))

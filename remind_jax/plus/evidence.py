@@ -31,6 +31,28 @@ from remind_jax.plus.state import Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.static import NUM_CANDIDATES
 
 _EXPONENT_MAX = 80.0  # squared distances beyond do not count
+# Cosines of the same and of other objects, before anything was seen.
+COSINE_VARIANCE = 0.04  # squared cosine
+COSINE_SAMPLES = 30.0  # samples that this counts for
+LEAST_COSINE_VARIANCE = 0.004  # squared cosine
+COSINE_DECAY = 0.999  # what a unit of weight leaves of the past
+# How looks and backgrounds tell.
+SURE_PATCHES = 2.0  # sides of a mask in patches from which on looks count in full
+LEAST_LOOK_WEIGHT = 0.25  # of looks of smaller masks
+RING_SLOPE = 6.667  # log odds per cosine of the background
+RING_MIDDLE = 0.4  # cosine that says nothing
+RING_BEST = 2.0  # limit of this evidence to both sides before weighting, log odds
+# How a place tells.
+PLACE_LOST = 2.0  # spread at which half of the belief in a place is gone, length
+PLACE_SIZE_ERROR = 0.3  # spread of a place per size of the mask
+ELSEWHERE = -0.25  # log odds of an object that is elsewhere
+FREE_RIVALS = 4.0  # candidates beyond which rivals cost something
+# What moves of its own.
+MOBILE_BEST = 8.0  # most evidence of its looks, log odds
+MOBILE_RIVALS = 1.0  # share by which its rivals cost more
+# Standard deviation of a relation beyond `layout.near_error`, object sizes.
+RATE_ERROR = 0.2  # per distance in sizes
+BORDER_ERROR = 0.7  # where a mask touches the border
 
 
 @jax.tree_util.register_dataclass
@@ -155,12 +177,12 @@ def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
 
     def learned(kind: int, assumed: Array) -> tuple[Array, Array]:
         # What was assumed fades like what was seen.
-        samples, faded = t.samples, scene.faded[kind]
-        weight = scene.cosine_weight[kind] + samples * faded
-        mean = (scene.cosine_sum[kind] + assumed * samples * faded) / weight
-        squared = scene.cosine_squares[kind] + (t.variance + assumed**2) * samples * faded
+        samples = COSINE_SAMPLES * scene.faded[kind]
+        weight = scene.cosine_weight[kind] + samples
+        mean = (scene.cosine_sum[kind] + assumed * samples) / weight
+        squared = scene.cosine_squares[kind] + (COSINE_VARIANCE + assumed**2) * samples
         variance = squared / weight - mean**2
-        return mean, jnp.maximum(variance, t.least_variance)
+        return mean, jnp.maximum(variance, LEAST_COSINE_VARIANCE)
 
     other, other_variance = learned(0, t.other_mean)
     same, same_variance = learned(1, t.same_mean)
@@ -168,12 +190,12 @@ def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
     return (
         jnp.where(on, other, t.other_mean),
         jnp.where(on, same, t.same_mean),
-        jnp.where(on, (other_variance + same_variance) / 2, t.variance),
+        jnp.where(on, (other_variance + same_variance) / 2, COSINE_VARIANCE),
     )
 
 
 def mix(
-    squared: Array, variance: Array, lost: Array, doubt: Array, bonus: Array, area: float
+    squared: Array, variance: Array, lost: float, doubt: Array | float, bonus: float, area: float
 ) -> Array:
     """Log odds of a displacement: where expected, or anywhere.
 
@@ -201,8 +223,8 @@ def relation_error(
 
     Rule: method_plus.md#layout-evidence.
     """
-    error = t.near_error + t.rate_error * jnp.sqrt(squared_length(relation))
-    return error + spread + t.border_error * border
+    error = t.near_error + RATE_ERROR * jnp.sqrt(squared_length(relation))
+    return error + spread + BORDER_ERROR * border
 
 
 def shortlist(
@@ -229,7 +251,7 @@ def shortlist(
         class_name=names,
         mobile=jnp.broadcast_to(t.mobility.gain * moves, admitted.shape),
         rivals=_crowd_evidence(admitted, names, t.decision)[:, None]
-        * (1.0 + t.mobility.crowd * moves),
+        * (1.0 + MOBILE_RIVALS * moves),
         held=jnp.broadcast_to(jnp.where(waiting, -t.decision.held, 0.0)[None], admitted.shape),
     )
     ranked = jnp.where(admitted, evidence.total(), -jnp.inf)
@@ -263,8 +285,8 @@ def _look_evidence(
 ) -> Float[Array, "N O"]:
     odds = look_odds_of(cosine, scene, t)
     # Looks of masks that hardly fill a patch are mostly background.
-    weight = jnp.clip(patches / t.looks.sure_patches, t.looks.least_weight, 1.0)
-    best = t.looks.best + moves * (t.mobility.best - t.looks.best)
+    weight = jnp.clip(patches / SURE_PATCHES, LEAST_LOOK_WEIGHT, 1.0)
+    best = t.looks.best + moves * (MOBILE_BEST - t.looks.best)
     return weight[:, None] * jnp.clip(odds, t.looks.worst, best)
 
 
@@ -273,7 +295,7 @@ def _ring_evidence(
 ) -> Float[Array, "N O"]:
     rings = to_unit(jnp.concatenate([here.ring, objects.ring]) - scene.ring_mean)
     cosine = dot(rings[: len(here.ring)], rings[len(here.ring) :])
-    odds = jnp.clip(t.ring_slope * (cosine - t.ring_middle), -t.ring_best, t.ring_best)
+    odds = jnp.clip(RING_SLOPE * (cosine - RING_MIDDLE), -RING_BEST, RING_BEST)
     known = (here.ring_count[:, None] > 0) & (objects.ring_count[None] > 0)
     return jnp.where(known, t.ring_weight * odds, 0.0)
 
@@ -283,12 +305,11 @@ def _place_evidence(
 ) -> Float[Array, "N O"]:
     offset = sightings.center[:, None] - objects.position[None]
     own = diagonal(pairs.covariance)[None]
-    measured = center_variance(sightings.size, sightings.touches, t)
-    measured += (t.size_error * sightings.size) ** 2
+    measured = center_variance(sightings.size, sightings.touches)
+    measured += (PLACE_SIZE_ERROR * sightings.size) ** 2
     squared = squared_length(offset)
-    odds = mix(
-        squared, own + measured[:, None], t.lost, t.least_doubt, t.doubt_bonus, th.FRAME_AREA
-    )
+    variance = own + measured[:, None]
+    odds = mix(squared, variance, PLACE_LOST, t.least_doubt, ELSEWHERE, th.FRAME_AREA)
     return t.weight * odds
 
 
@@ -297,4 +318,4 @@ def _crowd_evidence(
 ) -> Float[Array, "N"]:
     """The more objects it could be, the easier one of them looks right by chance."""
     num = jnp.sum(admitted * jnp.exp(names), axis=1)
-    return -t.crowd * jnp.log(jnp.maximum(num, t.crowd_free) / t.crowd_free)
+    return -t.crowd * jnp.log(jnp.maximum(num, FREE_RIVALS) / FREE_RIVALS)

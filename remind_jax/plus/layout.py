@@ -31,6 +31,24 @@ from remind_jax.plus.static import NUM_CANDIDATES, NUM_WITNESSES
 from remind_jax.plus.vacancy import find_gone
 
 _KINDS = 4  # of what a party says of a candidate
+# How far a party is a witness, by its looks.
+WITNESS_SLOPE = 2.0  # per log odd
+WITNESS_CLASS = 1.0  # what its class adds, per log of how rare that is among known objects
+# How objects lie.
+PARTNERS = 6.0  # partners that speak in full; more share this
+MOST = 5.0  # most place and layout together, log odds
+RELATION_LOST = 1.2  # spread at which half of the belief in a relation is gone, object sizes
+RELATION_DOUBT = 0.05  # least chance that a relation no longer holds
+PAIR_BEST = 3.0  # limit of the evidence of one partner, log odds
+RATIO_WEIGHT = 0.5  # of the ratio of sizes
+RATIO_SPREAD = 1.0  # spread of a relation that tells half as much of sizes, object sizes
+RATIO_ERROR = 0.4  # standard deviation of the log ratio of sizes, ...
+RATIO_ERROR_BORDER = 0.8  # ... and where a mask touches the border
+# What is seen together.
+COVISIBLE_PARTNERS = 2.0  # partners that speak in full; more share this
+COVISIBLE_TYPICAL = 0.15  # share of frames that two objects share by chance
+COVISIBLE_BEST = 1.5  # limit of the evidence, log odds
+NEAR = 2.56  # length over which absence of a companion tells something
 
 
 @jax.tree_util.register_dataclass
@@ -68,7 +86,7 @@ def weigh_jointly(
     # What looks wrong is no witness for the others: where a new arrangement lies like an old one,
     # its members would otherwise talk each other into being known. A rare class tells as looks do.
     looks = shortlist.evidence.looks
-    looks += t.layout.witness_class * _class_rarity(sightings.class_id, objects)[:, None]
+    looks += WITNESS_CLASS * _class_rarity(sightings.class_id, objects)[:, None]
     is_gone = find_gone(anchor, is_anchor, sightings, pairs, t.layout)[shortlist.slot]
     first = jnp.arange(shortlist.slot.shape[1]) == 0
     rows = _Rows(
@@ -77,7 +95,7 @@ def weigh_jointly(
         base=shortlist.base,
         place=shortlist.evidence.place,
         moved=jnp.where(is_gone, t.layout.moved_gone, t.layout.moved),
-        credible=jax.nn.sigmoid(t.layout.witness_slope * (looks + t.layout.witness)),
+        credible=jax.nn.sigmoid(WITNESS_SLOPE * (looks + t.layout.witness)),
         is_anchor=is_anchor,
         party=jnp.where(is_anchor[:, None], anchor[:, None], shortlist.slot),
         present=jnp.where(is_anchor[:, None], first, shortlist.valid),
@@ -147,12 +165,12 @@ def _weigh(
         sums = lax.fori_loop(0, num_open, add_up, jnp.zeros(said.shape[:2], jnp.float32))
         by_kind = jnp.moveaxis(sums.reshape(num, _KINDS, width), 1, 0)
         lies, companions, num_related, num_usable = by_kind
-        lies = lies * _share(num_related, t.partners)
+        lies = lies * _share(num_related, PARTNERS)
         lies = t.weight * jnp.clip(lies, -t.best, t.best)
-        companions = companions * _share(num_usable, t.covisible_partners)
+        companions = companions * _share(num_usable, COVISIBLE_PARTNERS)
         companions = t.covisible_weight * companions
         # Whatever lies wrong may have been moved: looks can still show it.
-        given_back = jnp.clip(rows.place + lies, rows.moved, t.most) - (rows.place + lies)
+        given_back = jnp.clip(rows.place + lies, rows.moved, MOST) - (rows.place + lies)
         return _Around(lies, companions, given_back)
 
     def believe(odds: Float[Array, "N C"], handicap: Array) -> Float[Array, "N C"]:
@@ -236,9 +254,7 @@ def _say(
     layout = _layout_evidence(
         look_up(pairs.relation, o, p), spread, look_up(pairs.log_ratio, o, p), beside, t
     )
-    covisible = _covisible_evidence(
-        look_up(pairs.covisible, o, p), seen[o], seen[p], beside, frame, t
-    )
+    covisible = _covisible_evidence(look_up(pairs.covisible, o, p), seen[o], seen[p], beside, frame)
     said = [jnp.where(related, layout, 0.0), jnp.where(usable, covisible, 0.0), related, usable]
     return jnp.stack(said).reshape(_KINDS * len(o), -1)
 
@@ -265,15 +281,15 @@ def _layout_evidence(
     off = beside.offset / scale[..., None] - relation
     squared = squared_length(off) * scale**2
     variance = (error * scale) ** 2
-    odds = mix(squared, variance, t.lost, t.least_doubt, jnp.float32(0), th.FRAME_AREA)
-    odds = jnp.clip(odds, -t.pair_best, t.pair_best)
+    odds = mix(squared, variance, RELATION_LOST, RELATION_DOUBT, 0.0, th.FRAME_AREA)
+    odds = jnp.clip(odds, -PAIR_BEST, PAIR_BEST)
 
-    ratio_error = jnp.where(border, t.ratio_error_border, t.ratio_error)
+    ratio_error = jnp.where(border, RATIO_ERROR_BORDER, RATIO_ERROR)
     off_ratio = (beside.log_ratio - log_ratio) ** 2
     ratio_odds = -jnp.log(ratio_error) - off_ratio / (2 * ratio_error**2) + off_ratio / 2
     # What may have moved may have come nearer.
-    known = 1.0 / (1.0 + (spread / t.ratio_spread) ** 2)
-    return odds + t.ratio_weight * known * jnp.clip(ratio_odds, -2.0, 1.0)
+    known = 1.0 / (1.0 + (spread / RATIO_SPREAD) ** 2)
+    return odds + RATIO_WEIGHT * known * jnp.clip(ratio_odds, -2.0, 1.0)
 
 
 def _class_rarity(class_id: Int[Array, "N"], objects: Objects) -> Float[Array, "N"]:
@@ -290,20 +306,19 @@ def _covisible_evidence(
     seen_party: Int[Array, "W C"],
     beside: _Beside,
     frame: Int[Array, ""],
-    t: th.Layout,
 ) -> Float[Array, "C W C"]:
     """Are these objects seen together more often than by chance?"""
     together = covisible + 0.5
     frames = jnp.minimum(seen, seen_party) + 3.0
     # What is always in view is beside everybody; what came with another memory may be older.
     usual = jnp.minimum(jnp.maximum(seen, seen_party) / jnp.maximum(frame, 1), 1.0)
-    odds = jnp.log(together / frames / jnp.maximum(t.covisible_typical, usual))
-    odds = jnp.clip(odds, -t.covisible_best, t.covisible_best)
+    odds = jnp.log(together / frames / jnp.maximum(COVISIBLE_TYPICAL, usual))
+    odds = jnp.clip(odds, -COVISIBLE_BEST, COVISIBLE_BEST)
     # The absence of a companion means little far away from it.
-    nearness = jnp.exp(-squared_length(beside.offset) / (2 * t.near**2))
+    nearness = jnp.exp(-squared_length(beside.offset) / (2 * NEAR**2))
     return jnp.where(odds < 0, odds * nearness, odds)
 
 
-def _share(num: Float[Array, "N C"], partners: Float[Array, ""]) -> Float[Array, "N C"]:
+def _share(num: Float[Array, "N C"], partners: float) -> Float[Array, "N C"]:
     """More than so many parties share what so many may say."""
     return jnp.minimum(1.0, partners / jnp.maximum(num, 1e-6))

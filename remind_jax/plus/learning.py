@@ -22,6 +22,7 @@ from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.decision import Choice
+from remind_jax.plus.evidence import BORDER_ERROR, COSINE_DECAY
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import forgetting_speed
 from remind_jax.plus.plane import log_ratios, mean_sizes
@@ -29,6 +30,25 @@ from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.whitening import whiten
+
+# Relations that are stored, by their spreads, object sizes.
+SPREAD_MAX = 4.0  # those that are less certain are not
+SPREAD_SLACK = 0.02  # a new one may be this much less certain than the stored one
+SPREAD_SAME = 0.1  # those of about the same certainty are averaged, ...
+RELATION_RATE = 0.3  # ... with this weight of the new one
+# Looks that are kept.
+KEEP_EVERY = 2  # a look is learned once in so many detections
+BORDER_AGE = 8  # detections; later looks at the border are not kept
+# Cosines that teach, and their weights.
+TEACH_EVERY = 2  # frames
+TEACH_AGE = 8  # detections of a tracklet that teaches
+SAME_WEIGHT = 0.5  # now and first sight of a tracklet
+OTHER_WEIGHT = 0.5  # other objects of the class in view
+FOREIGN_WEIGHT = 0.1  # objects of other classes in view
+ABSENT_WEIGHT = 0.5  # other known objects of the class, ...
+ABSENT_MOST = 5.0  # ... of which so many count
+SURE_WEIGHT = 2.0  # a clearly recognized object: ...
+SURE_MARGIN = 3.0  # ... its lead, log odds
 
 
 def create_objects(
@@ -121,8 +141,7 @@ def learn_relations(
     row: Int[Array, "O"],
     sightings: Sightings,
     tick: Float[Array, ""],
-    t: th.Layout,
-    mobile: th.Mobility,
+    t: th.Mobility,
 ) -> Pairs:
     """Stores how all objects lie from those in view, and who is in view together.
 
@@ -135,13 +154,12 @@ def learn_relations(
       row: Detection of each object, NO_ROW out of view.
       sightings: Detections.
       tick: Time since the last frame, one tick at most.
-      t: Errors and rates.
-      mobile: What speeds make of relations.
+      t: What speeds make of relations.
     """
     visible = row != NO_ROW
     place = jnp.where(visible[:, None], sightings.center[row], objects.position)
     size = jnp.where(visible, sightings.size[row], objects.size)
-    border = jnp.where(visible & sightings.touches[row], t.border_error, 0.0)
+    border = jnp.where(visible & sightings.touches[row], BORDER_ERROR, 0.0)
     doubt = jnp.where(visible, 0.0, jnp.sqrt(jnp.maximum(diagonal(pairs.covariance), 0.0)))
 
     scale = mean_sizes(size, size)
@@ -150,12 +168,12 @@ def learn_relations(
     both_exist = objects.exists[:, None] & objects.exists[None, :]
     accepted = one_visible & both_exist & ~jnp.eye(len(row), dtype=bool)
     # A relation is forgotten as fast as its objects move.
-    speed = tick * forgetting_speed(objects, mobile)
+    speed = tick * forgetting_speed(objects, t)
     aged = pairs.spread + (speed[:, None] + speed[None, :]) / scale
-    aged = jnp.where(aged < t.spread_max, aged, UNRELATED)
-    accepted &= (spread <= aged + t.spread_slack) & (spread < t.spread_max)
-    alike = jnp.abs(spread - aged) < t.spread_same
-    rate = jnp.where(accepted, jnp.where(alike, t.rate, 1.0), 0.0)
+    aged = jnp.where(aged < SPREAD_MAX, aged, UNRELATED)
+    accepted &= (spread <= aged + SPREAD_SLACK) & (spread < SPREAD_MAX)
+    alike = jnp.abs(spread - aged) < SPREAD_SAME
+    rate = jnp.where(accepted, jnp.where(alike, RELATION_RATE, 1.0), 0.0)
 
     relation = (place[None, :] - place[:, None]) / scale[..., None]
     log_ratio = log_ratios(size, size)
@@ -213,10 +231,10 @@ class KeptLooks:
         sure: Bool[Array, "N"],
         counts: Bool[Array, "N"],
         sightings: Sightings,
-        t: th.Memory,
     ) -> KeptLooks:
         """Those of decided detections, once in some detections, and of objects without any."""
-        turn = counts & (here.age % t.every == 1) & ~(sightings.touches & (here.age > t.border_age))
+        turn = counts & (here.age % KEEP_EVERY == 1)
+        turn &= ~(sightings.touches & (here.age > BORDER_AGE))
         is_empty = jnp.all(objects.bank_count == 0, axis=1)[here.slot]
         return cls(here.slot, sightings.look, sure & (turn | is_empty))
 
@@ -314,7 +332,6 @@ def learn_cosines(
     since_first: Float[Array, "N"],
     share: Float[Array, "N"],
     ticks: Int[Array, ""],
-    t: th.Calibration,
 ) -> Scene:
     """Learns what cosines of the same and of other objects look like.
 
@@ -330,15 +347,14 @@ def learn_cosines(
       since_first: Cosine of each look with the first one of its tracklet.
       share: How much each detection teaches.
       ticks: Of the clock so far.
-      t: Weights.
     """
     num_o = cosine.shape[1]
     # Objects clearly recognized teach what the same object looks like after an absence.
-    clear = choice.recognized & (choice.margin >= t.sure_margin)
-    old = sure & (here.age >= t.min_age) & (ticks % t.every == 0)
+    clear = choice.recognized & (choice.margin >= SURE_MARGIN)
+    old = sure & (here.age >= TEACH_AGE) & (ticks % TEACH_EVERY == 0)
     same = jnp.stack([choice.cosine, since_first])
     same_weight = jnp.stack(
-        [jnp.where(clear, t.sure_weight, 0.0), jnp.where(old, t.same_weight * share, 0.0)]
+        [jnp.where(clear, SURE_WEIGHT, 0.0), jnp.where(old, SAME_WEIGHT * share, 0.0)]
     )
 
     is_own = here.slot[:, None] == jnp.arange(num_o)
@@ -347,9 +363,9 @@ def learn_cosines(
     row = rows_of(here.slot, sure, num_o)
     beside = (row != NO_ROW)[None] & apart
     known = apart & alike & ~beside & ~here.fresh[:, None]
-    few = jnp.minimum(1.0, t.absent_most / jnp.maximum(jnp.sum(known, axis=1, keepdims=True), 1))
-    weight = jnp.where(beside, jnp.where(alike, t.other_weight, t.foreign_weight), 0.0)
-    weight = weight + jnp.where(known, t.absent_weight * few, 0.0)
+    few = jnp.minimum(1.0, ABSENT_MOST / jnp.maximum(jnp.sum(known, axis=1, keepdims=True), 1))
+    weight = jnp.where(beside, jnp.where(alike, OTHER_WEIGHT, FOREIGN_WEIGHT), 0.0)
+    weight = weight + jnp.where(known, ABSENT_WEIGHT * few, 0.0)
     # A pair teaches as much as the less known of the two.
     shares = jnp.where(row != NO_ROW, share[row], 0.0)
     weight = weight * jnp.maximum(share[:, None], shares[None, :])
@@ -361,7 +377,7 @@ def learn_cosines(
     is_other = jnp.arange(2)[:, None] == 0
     new = jnp.where(is_other, moments(weight, other), moments(same_weight, same))
     num, once, squares = new.T
-    fade = t.decay**num
+    fade = COSINE_DECAY**num
     return dataclasses.replace(
         scene,
         cosine_weight=scene.cosine_weight * fade + num,

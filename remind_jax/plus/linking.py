@@ -16,7 +16,12 @@ from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
-from remind_jax.plus.evidence import calibrate
+from remind_jax.plus.evidence import (
+    COSINE_DECAY,
+    COSINE_VARIANCE,
+    LEAST_COSINE_VARIANCE,
+    calibrate,
+)
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
 from remind_jax.plus.plane import (
@@ -32,6 +37,15 @@ from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.plus.whitening import whiten
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
+SMOOTHING = 4  # frames that the look of a tracklet averages
+# How links score.
+DISTANCE_MAX = 4.0  # relative distances count up to here
+DISTANCE_SLACK = 0.12  # added to the scale of distances per tick unseen, length
+LOOK_MIDDLE = 0.4  # cosine that says nothing
+SIZE_LOSS = 0.5  # per log ratio of sizes, log odds
+# Looks that contradict.
+UNLIKE = 1.5  # most loss where the image motion is believed, log odds
+ASSUMED_LINKS = 10.0  # samples that what is assumed of looks in two frames counts for
 TAILS = 3.0  # degrees of freedom of what looks of one object differ by
 
 
@@ -62,20 +76,18 @@ def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
     )
 
 
-def link_odds(
-    cosine: Float[Array, "N T"], scene: Scene, t: th.PlusThresholds
-) -> Float[Array, "N T"]:
+def link_odds(cosine: Float[Array, "N T"], scene: Scene, t: th.Calibration) -> Float[Array, "N T"]:
     """Log odds, 0 at most, that looks of one object differ so much from frame to frame.
 
     Rule: method_plus.md#linking. By what was learned of links, with far tails: a look may change
     suddenly.
     """
-    other, _, variance = calibrate(scene, t.calibration)
-    weight, once, squares = scene.links + t.linking.samples * jnp.array(
-        [1.0, t.calibration.same_mean, t.calibration.variance + t.calibration.same_mean**2]
+    other, _, variance = calibrate(scene, t)
+    weight, once, squares = scene.links + ASSUMED_LINKS * jnp.array(
+        [1.0, t.same_mean, COSINE_VARIANCE + t.same_mean**2]
     )
     mean = once / weight
-    own = jnp.maximum(squares / weight - mean**2, t.calibration.least_variance)
+    own = jnp.maximum(squares / weight - mean**2, LEAST_COSINE_VARIANCE)
     below = jnp.minimum(cosine - mean, 0.0) ** 2 / own
     same = -0.5 * (TAILS + 1.0) * jnp.log1p(below / TAILS) - 0.5 * jnp.log(own)
     different = -0.5 * (cosine - other) ** 2 / variance - 0.5 * jnp.log(variance)
@@ -88,7 +100,6 @@ def learn_links(
     cosine: Float[Array, "N T"],
     origin: Int[Array, "N"],
     share: Float[Array, "N"],
-    t: th.PlusThresholds,
 ) -> Scene:
     """Learns how alike the looks of an object are from one frame to the next.
 
@@ -98,14 +109,13 @@ def learn_links(
       cosine: Of whitened looks.
       origin: The tracklet that each detection goes on with.
       share: How much each detection teaches.
-      t: How much is remembered.
     """
     before = jnp.maximum(origin, 0)
     goes_on = (origin != NO_SLOT) & tracklets.just_seen[before]
     value = jnp.take_along_axis(cosine, before[:, None], axis=1)[:, 0]
     weight = jnp.where(goes_on, share, 0.0)
     new = jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=1)
-    return dataclasses.replace(scene, links=scene.links * t.calibration.decay ** new[0] + new)
+    return dataclasses.replace(scene, links=scene.links * COSINE_DECAY ** new[0] + new)
 
 
 def score_links(
@@ -132,18 +142,18 @@ def score_links(
     offset = sightings.center[:, None] - tracklets.center[None]
     distance = jnp.sqrt(squared_length(offset))
     scale = mean_sizes(sightings.size, tracklets.size)
-    relative = jnp.minimum(distance / (scale + t.slack * gap), t.distance_max)
+    relative = jnp.minimum(distance / (scale + DISTANCE_SLACK * gap), DISTANCE_MAX)
     log_ratio = jnp.abs(log_ratios(sightings.size, tracklets.size))
     # What moves may be anywhere after a while; what stands still is where it was.
-    moves = mobility(speed_of(tracklets, mobile), mobile)
+    moves = mobility(speed_of(tracklets), mobile)
     score = (
         t.overlap * _overlap(sightings.box, tracklets.box)
         - 1.0
         - t.distance * relative
-        + t.look * (cosine - t.look_middle)
+        + t.look * (cosine - LOOK_MIDDLE)
         + jnp.minimum(look_odds, 0.0)
         - t.missed * jnp.log2(jnp.maximum(gap, 1.0)) * moves
-        - t.size * log_ratio
+        - SIZE_LOSS * log_ratio
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
     return Links(tracklets.box, tracklets.center, score, possible & (score > t.least))
@@ -166,8 +176,7 @@ def advance_tracklets(
     elapsed: Float[Array, ""],
     shift: Float[Array, ""],
     doubt: Float[Array, ""],
-    t: th.Linking,
-    mobile: th.Mobility,
+    t: th.Mobility,
 ) -> tuple[Tracklets, Int[Array, ""], Float[Array, "N D"]]:
     """Continues, starts and drops tracklets.
 
@@ -181,8 +190,7 @@ def advance_tracklets(
       elapsed: Ticks since the last frame.
       shift: How far the image moved since the last frame.
       doubt: How little that is believed, [0, 1].
-      t: Memory lengths.
-      mobile: What own movement is.
+      t: How far own movement counts.
 
     Returns:
       Tracklets: those of the detections, in their order, then those of the frames before, of which
@@ -205,9 +213,9 @@ def advance_tracklets(
     # Looks and backgrounds are running means; the first look stays.
     look, ring = go_on(old.look, sightings.look), go_on(old.ring, 0.0)
     step = sightings.look - look
-    look_rate = 1.0 / jnp.clip(age, 1, t.smoothing) * (linked & counts)
-    ring_rate = 1.0 / jnp.clip(ring_count, 1, t.smoothing) * has_ring
-    movement = follow_movement(old, linked, sightings, tick, shift, doubt, mobile)
+    look_rate = 1.0 / jnp.clip(age, 1, SMOOTHING) * (linked & counts)
+    ring_rate = 1.0 / jnp.clip(ring_count, 1, SMOOTHING) * has_ring
+    movement = follow_movement(old, linked, sightings, tick, shift, doubt, t)
     here = Tracklets(
         alive=sightings.valid,
         id=go_on(old.id, next_id + count_before(starts)),

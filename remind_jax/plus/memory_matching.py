@@ -20,7 +20,17 @@ from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.archive import NO_PARTNERS, Resting
-from remind_jax.plus.evidence import look_odds_of, mix, relation_error
+from remind_jax.plus.decision import LEAST_NEWNESS
+from remind_jax.plus.evidence import (
+    FREE_RIVALS,
+    RING_BEST,
+    RING_MIDDLE,
+    RING_SLOPE,
+    look_odds_of,
+    mix,
+    relation_error,
+)
+from remind_jax.plus.layout import PAIR_BEST, PARTNERS, RELATION_DOUBT, RELATION_LOST
 from remind_jax.plus.look_index import Whitener
 from remind_jax.plus.state import NO_RELATION, Scene
 
@@ -141,10 +151,10 @@ def _own_evidence(
     rings = [_rings(side, np.asarray(scene.ring_mean)) for side in (here, there)]
     cosine = np.einsum("mcd,md->mc", rings[0][candidates.row], rings[1])
     known = [side.values("ring_count") > 0 for side in (here, there)]
-    ring = t.looks.ring_slope * (cosine - t.looks.ring_middle)
-    ring = t.looks.ring_weight * np.clip(ring, -t.looks.ring_best, t.looks.ring_best)
+    ring = RING_SLOPE * (cosine - RING_MIDDLE)
+    ring = t.looks.ring_weight * np.clip(ring, -RING_BEST, RING_BEST)
     ring = np.where(known[0][candidates.row] & known[1][:, None], ring, 0.0)
-    rivals = np.maximum(candidates.of_class, t.decision.crowd_free) / t.decision.crowd_free
+    rivals = np.maximum(candidates.of_class, FREE_RIVALS) / FREE_RIVALS
     odds = looks + ring - t.decision.crowd * np.log(rivals)[:, None]
     return np.where(candidates.row == NOBODY, -np.inf, odds)
 
@@ -202,9 +212,9 @@ def _compare_layout(
     relation = jnp.asarray(there["relation"])
     error = relation_error(relation, jnp.asarray(spread), jnp.asarray(inside), t.layout)
     squared = jnp.asarray(np.sum(off**2, axis=1) * scale**2)
-    lost, doubt = t.layout.lost, t.layout.least_doubt
-    odds = mix(squared, (error * scale) ** 2, lost, doubt, jnp.float32(0), th.FRAME_AREA)
-    odds = np.clip(np.asarray(odds), -t.layout.pair_best, t.layout.pair_best)
+    variance = (error * scale) ** 2
+    odds = mix(squared, variance, RELATION_LOST, RELATION_DOUBT, 0.0, th.FRAME_AREA)
+    odds = np.clip(np.asarray(odds), -PAIR_BEST, PAIR_BEST)
     return np.where(related, odds, 0.0), related
 
 
@@ -222,7 +232,7 @@ def _weigh_company(
             return np.bincount(said.about, values * weight, base.size).reshape(base.shape)
 
         num = np.maximum(add_up(said.related), 1e-6)
-        lies = add_up(said.lies) * np.minimum(1.0, layout.partners / num)
+        lies = add_up(said.lies) * np.minimum(1.0, PARTNERS / num)
         lies = layout.weight * np.clip(lies, -layout.best, layout.best)
         together = np.log((add_up(said.beside) + TYPICAL_SHARE) / (1.0 + said.company[:, None]))
         together -= np.log(TYPICAL_SHARE)
@@ -244,7 +254,7 @@ def _expect_new(odds: Float[np.ndarray, "M C"], t: th.Decision) -> float:
     new = float(t.new)
     for _ in range(_ROUNDS):
         seem_new = 1.0 - np.sum(_believe(odds, new), axis=1)
-        share = np.clip(np.mean(seem_new), LEAST_NEW, 1.0 - t.familiarity_least)
+        share = np.clip(np.mean(seem_new), LEAST_NEW, 1.0 - LEAST_NEWNESS)
         new = float(t.new + t.familiarity * np.log(share / (1.0 - share)))
     return new
 

@@ -22,7 +22,13 @@ from remind_jax.plus.clock import tick_of
 from remind_jax.plus.linking import Links, carry, score_links
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.plane import squared_length
+from remind_jax.plus.scene_map import DOUBTED_SCORE
 from remind_jax.plus.state import Tracklets
+
+CHECK_MARGIN = 0.5  # support per detection by which detections must contradict a motion
+AGREEMENT = 0.3  # shifts of detections within this length agree
+AGREEMENT_LEAST = 3.0  # detections that must agree on a shift
+IMPLIED_SCORE = 0.25  # trust in a shift that they agree on
 
 
 def check_motion(
@@ -48,7 +54,7 @@ def check_motion(
     still = dataclasses.replace(
         motion, matrix=jnp.eye(2, 3, dtype=jnp.float32), score=jnp.float32(0)
     )
-    implied = dataclasses.replace(motion, **imply_motion(tracklets, sightings, cosine, t.motion))
+    implied = dataclasses.replace(motion, **imply_motion(tracklets, sightings, cosine))
 
     def follow(hypothesis: Motion) -> Links:
         carried = carry(tracklets, hypothesis, t.mobility)
@@ -61,9 +67,9 @@ def check_motion(
         excess = jnp.where(links.possible, links.score - t.linking.least, 0.0)
         return jnp.sum(jnp.max(excess, axis=1))
 
-    believed = motion.score > t.motion.doubted_score
+    believed = motion.score > DOUBTED_SCORE
     num = jnp.sum(sightings.valid).astype(jnp.float32)
-    margin = jnp.where(believed, t.motion.check_margin * num, 0.0)
+    margin = jnp.where(believed, CHECK_MARGIN * num, 0.0)
     options = jax.tree.map(lambda *leaves: jnp.stack(leaves), motion, still, implied)
     supports = jax.vmap(support)(options) + jnp.stack([margin, 0.0, 0.0])
     best = jnp.where(t.motion.checked, jnp.argmax(supports), 0)
@@ -75,7 +81,6 @@ def imply_motion(
     tracklets: Tracklets,
     sightings: Sightings,
     cosine: Float[Array, "N T"],
-    t: th.Motion,
 ) -> dict[str, Array]:
     """The shift that most detections share with the tracklets that look most like them."""
     possible = sightings.valid[:, None] & (tracklets.alive & tracklets.just_seen)[None]
@@ -84,19 +89,19 @@ def imply_motion(
     partner = jnp.argmax(likeness, axis=1)
     paired = jnp.max(likeness, axis=1) > -jnp.inf
     shift = jnp.where(paired[:, None], sightings.center - tracklets.center[partner], 0.0)
-    agrees = _within(shift, shift, t.agreement) & paired[None, :] & paired[:, None]
+    agrees = _within(shift, shift, AGREEMENT) & paired[None, :] & paired[:, None]
     votes = jnp.sum(agrees, axis=1)
     most = jnp.argmax(votes)
     chosen, num = agrees[most], votes[most].astype(jnp.float32)
     mean = jnp.sum(jnp.where(chosen[:, None], shift, 0.0), axis=0) / jnp.maximum(num, 1.0)
-    enough = num >= t.agreement_least
+    enough = num >= AGREEMENT_LEAST
     matrix = jnp.concatenate(
         [jnp.eye(2, dtype=mean.dtype), jnp.where(enough, mean, 0.0)[:, None]], axis=1
     )
-    return {"matrix": matrix, "score": jnp.where(enough, t.implied_score, 0.0)}
+    return {"matrix": matrix, "score": jnp.where(enough, IMPLIED_SCORE, 0.0)}
 
 
 def _within(
-    left: Float[Array, "N 2"], right: Float[Array, "M 2"], reach: Float[Array, ""]
+    left: Float[Array, "N 2"], right: Float[Array, "M 2"], reach: float
 ) -> Bool[Array, "N M"]:
     return squared_length(left[:, None] - right[None]) < reach**2

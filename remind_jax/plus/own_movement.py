@@ -24,12 +24,24 @@ from remind_jax.plus.plane import medians, squared_length
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import Objects, Scene, Tracklets
 
+NOISE = 0.01  # own movement per tick that things at rest seem to have, length
+NOISE_RATE = 0.4  # more of it, per length that the image moves
+# What is averaged.
+SAMPLES = 16  # ticks that the own movement of a tracklet averages
+LEAST_MOVES = 3  # ticks from which on it counts
+MEMORY = 32.0  # frames of the speed of an object
+PRIOR = 4.0  # frames that the speed of the scene counts for in that of a new object
+SCENE_RATE = 0.05  # share that a frame changes of the speed of the scene
+# What speeds make of objects.
+HALF_SPEED = 0.02  # of one that is by half one that moves, length
+FORGETTING = 2.0  # errors of places and relations grow by this times the speed
+
 
 def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
     """How far each tracklet will move of its own in a tick, as far as that is known."""
     length = jnp.sqrt(squared_length(tracklets.drift))
-    share = speed_of(tracklets, t) / jnp.maximum(length, 1e-6)
-    known = tracklets.num_moves >= t.least
+    share = speed_of(tracklets) / jnp.maximum(length, 1e-6)
+    known = tracklets.num_moves >= LEAST_MOVES
     return t.weight * jnp.where(known, share, 0.0)[:, None] * tracklets.drift
 
 
@@ -62,7 +74,7 @@ def follow_movement(
       tick: Time since the last frame, one tick at most.
       shift: How far the image moved since the last one.
       doubt: How little that is believed, [0, 1].
-      t: How much is averaged.
+      t: How far own movement counts.
     """
     whole = ~(before.touched | sightings.touches)
     moves = linked & whole & before.just_seen
@@ -71,7 +83,7 @@ def follow_movement(
     shift = shift / tick + jnp.sqrt(squared_length(shared))
     passed = tick * moves
     num_moves = jnp.where(linked, before.num_moves, 0.0) + passed
-    rate = passed / jnp.clip(num_moves, tick, t.samples)
+    rate = passed / jnp.clip(num_moves, tick, SAMPLES)
     drift = jnp.where(linked[:, None], before.drift, 0.0)
     image_shift = jnp.where(linked, before.image_shift, 0.0)
     return Movement(
@@ -81,19 +93,19 @@ def follow_movement(
     )
 
 
-def speed_of(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T"]:
+def speed_of(tracklets: Tracklets) -> Float[Array, "T"]:
     """Length of the own movement per tick, beyond what things at rest seem to have.
 
     What is nearer or farther than the rest moves otherwise than the image, before a moving camera.
     """
-    noise = t.noise + t.noise_rate * tracklets.image_shift
+    noise = NOISE + NOISE_RATE * tracklets.image_shift
     return jnp.maximum(jnp.sqrt(squared_length(tracklets.drift)) - noise, 0.0)
 
 
-def first_speed(tracklets: Tracklets, scene: Scene, t: th.Mobility) -> Float[Array, "T"]:
+def first_speed(tracklets: Tracklets, scene: Scene) -> Float[Array, "T"]:
     """Speed of new objects: that of their tracklets, and of the scene where these are short."""
     num = tracklets.num_moves
-    return (num * speed_of(tracklets, t) + t.prior * scene.speed) / (num + t.prior)
+    return (num * speed_of(tracklets) + PRIOR * scene.speed) / (num + PRIOR)
 
 
 def learn_speeds(
@@ -101,7 +113,6 @@ def learn_speeds(
     scene: Scene,
     here: Tracklets,
     row: Int[Array, "O"],
-    t: th.Mobility,
 ) -> tuple[Objects, Scene]:
     """Follows the speeds of the objects in view, and that of all objects together.
 
@@ -110,15 +121,14 @@ def learn_speeds(
       scene: What is known of all of them.
       here: Tracklets of the detections.
       row: Detection of each object, NO_ROW out of view.
-      t: How much is averaged.
     """
-    speed = speed_of(here, t)
-    counts = here.alive & (here.num_moves >= t.least) & ~here.touched
+    speed = speed_of(here)
+    counts = here.alive & (here.num_moves >= LEAST_MOVES) & ~here.touched
     learns = (row != NO_ROW) & counts[row]
-    rate = learns / jnp.minimum(objects.seen + 1 + t.prior, t.memory)
+    rate = learns / jnp.minimum(objects.seen + 1 + PRIOR, MEMORY)
     num = jnp.sum(counts)
     mean = jnp.sum(jnp.where(counts, speed, 0.0)) / jnp.maximum(num, 1)
-    scene_rate = jnp.where(num > 0, t.rate, 0.0)
+    scene_rate = jnp.where(num > 0, SCENE_RATE, 0.0)
     return (
         dataclasses.replace(objects, speed=objects.speed + rate * (speed[row] - objects.speed)),
         dataclasses.replace(scene, speed=scene.speed + scene_rate * (mean - scene.speed)),
@@ -127,13 +137,13 @@ def learn_speeds(
 
 def forgetting_speed(objects: Objects, t: th.Mobility) -> Float[Array, "O"]:
     """By how much the error of each object's place grows in a tick, for what moves of its own."""
-    return t.forgetting * t.weight * objects.speed
+    return FORGETTING * t.weight * objects.speed
 
 
 def mobility(speed: Float[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
     """How far an object is one that moves of its own, [0, 1); 0 at rest."""
     speed = t.weight * speed
-    return speed / (speed + t.half)
+    return speed / (speed + HALF_SPEED)
 
 
 def mobility_of(slot: Int[Array, "N"], objects: Objects, t: th.Mobility) -> Float[Array, "N"]:

@@ -27,12 +27,28 @@ from remind_jax.plus.state import Objects, Pairs
 
 MAX_AGE = 1000  # frames out of view; uncertainty grows no further
 LEAST_VARIANCE = 1e-4
+# Whether an image motion is believed, by its score.
+DOUBTED_SCORE = 0.1  # not at all
+TRUSTED_SCORE = 0.4  # fully from here on
+# Standard deviations of what moves places, beyond `motion.shift_error`.
+SHIFT_ERROR_RATE = 0.04  # of the shift per unit moved
+SHIFT_ERROR_LOST = 0.25  # of the shift where the motion is not believed, length
+TURN_ERROR = 0.004  # of turn and zoom per frame, radians
+TURN_ERROR_LOST = 4.0  # factor above 1 where the motion is not believed
+OWN_ERROR = 0.003  # of each object apart, per frame, length
+OWN_ERROR_RATE = 0.006  # of each object apart, per unit moved
+REACH = 30.0  # places further from the center turn as if they were this far, length
+# Standard deviation of a measured center.
+CENTER_ERROR = 0.06  # length
+CENTER_ERROR_RATE = 0.15  # more of it per size of the mask
+CENTER_ERROR_BORDER = 0.25  # more of it at the border of the frame, length
+SURPRISE = 8.0  # median squared innovation above which the map was wrong, variances
 BLOCK = 64  # detections whose turns are noted before the next ones read what is left
 
 
-def doubt_of(motion: Motion, t: th.Motion) -> Float[Array, ""]:
+def doubt_of(motion: Motion) -> Float[Array, ""]:
     """How little an image motion is believed, [0, 1]."""
-    trust = (motion.score - t.doubted_score) / (t.trusted_score - t.doubted_score)
+    trust = (motion.score - DOUBTED_SCORE) / (TRUSTED_SCORE - DOUBTED_SCORE)
     return 1.0 - jnp.clip(trust, 0.0, 1.0)
 
 
@@ -61,16 +77,16 @@ def move_map(
     moved = shift_of(motion, frame_center)
     position = turned(objects.position - frame_center, turn / zoom_of(turn)) + new_center
 
-    doubt = doubt_of(motion, t)
+    doubt = doubt_of(motion)
     # What errs at every frame adds up to the same in a tick, however many frames it has.
     part = jnp.sqrt(tick)
     rate = moved / tick
-    shift_error = part * (t.shift_error + t.shift_error_rate * rate) + t.shift_error_lost * doubt
+    shift_error = part * (t.shift_error + SHIFT_ERROR_RATE * rate) + SHIFT_ERROR_LOST * doubt
     shift_variance = shift_error**2
-    turn_variance = (t.turn_error * (part + t.turn_error_lost * doubt)) ** 2
-    own_error = part * (t.own_error + t.own_error_rate * rate + forgetting_speed(objects, mobile))
+    turn_variance = (TURN_ERROR * (part + TURN_ERROR_LOST * doubt)) ** 2
+    own_error = part * (OWN_ERROR + OWN_ERROR_RATE * rate + forgetting_speed(objects, mobile))
     age = tick * jnp.clip(frame - 1 - objects.last, 0, MAX_AGE)
-    arm = jnp.clip(position - frame_center, -t.reach, t.reach)
+    arm = jnp.clip(position - frame_center, -REACH, REACH)
     # The lesser age makes shared errors grow like a bias and keeps the covariance positive.
     shared_age = 1.0 + jnp.minimum(age[:, None], age[None, :])
     arms = arm[:, None, 0] * arm[None, :, 0] + arm[:, None, 1] * arm[None, :, 1]
@@ -78,19 +94,17 @@ def move_map(
     own = own_error**2 * (1.0 + age)
     itself = jnp.eye(len(age), dtype=bool)
     covariance = pairs.covariance + shared + jnp.where(itself, own[:, None], 0.0)
-    both = objects.exists[:, None] & objects.exists[None, :] & (t.coupled | itself)
+    both = objects.exists[:, None] & objects.exists[None, :]
     return (
         dataclasses.replace(objects, position=position),
         dataclasses.replace(pairs, covariance=jnp.where(both, covariance, 0.0)),
     )
 
 
-def center_variance(
-    size: Float[Array, "N"], touches: Bool[Array, "N"] | bool, t: th.Place
-) -> Float[Array, "N"]:
+def center_variance(size: Float[Array, "N"], touches: Bool[Array, "N"]) -> Float[Array, "N"]:
     """Variance of measured centers."""
-    error = t.center_error + t.center_error_rate * size
-    return (error + t.center_error_border * touches) ** 2
+    error = CENTER_ERROR + CENTER_ERROR_RATE * size
+    return (error + CENTER_ERROR_BORDER * touches) ** 2
 
 
 def correct_map(
@@ -100,7 +114,6 @@ def correct_map(
     sure: Bool[Array, "N"],
     surprising: Bool[Array, "N"],
     sightings: Sightings,
-    t: th.Place,
 ) -> tuple[Objects, Pairs]:
     """Kalman update of all positions by the objects in view.
 
@@ -111,16 +124,15 @@ def correct_map(
       sure: Detections whose object is decided.
       surprising: Those that may say that the map was wrong: objects with a place from before.
       sightings: Detections.
-      t: Errors.
     """
     covariance = pairs.covariance
     place = jnp.where(sure, slot, 0)
-    measured = center_variance(sightings.size, sightings.touches, t)
+    measured = center_variance(sightings.size, sightings.touches)
     own = diagonal(covariance)[place] + measured
     squared = squared_length(sightings.center - objects.position[place])
     # An unexpected step of most objects at once is an error of the image motion, shared by all.
     step, normalized = medians(jnp.stack([squared, squared / own]), surprising)
-    added = jnp.where(normalized > t.surprise, step, 0.0)
+    added = jnp.where(normalized > SURPRISE, step, 0.0)
     exists = objects.exists[:, None] & objects.exists[None, :]
     covariance = jnp.where(exists, covariance + added, 0.0)
 

@@ -39,6 +39,7 @@ from remind_jax.plus.learning import (
     learn_relations,
 )
 from remind_jax.plus.linking import (
+    UNLIKE,
     advance_tracklets,
     compare_looks,
     learn_links,
@@ -82,7 +83,7 @@ def advance(
       motion: How the image moved since the last frame.
       present: Slots that hold a mask.
       static: Capacities; those that `state` was made with.
-      thresholds: Every tunable number.
+      thresholds: What can be set.
 
     Returns:
       Memory after the frame, and what its decisions are made of. If the frame may need more object
@@ -130,10 +131,10 @@ def _advance(
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
     # Where the image goes on, so do most of its objects; over a cut only looks can tell.
-    unlike = link_odds(likeness, state.scene, t)
-    limited = jnp.maximum(unlike, -t.linking.unlike)
+    unlike = link_odds(likeness, state.scene, t.calibration)
+    limited = jnp.maximum(unlike, -UNLIKE)
     confused = confusion_odds(state.scene, t.names)
-    look_odds = limited + doubt_of(motion, t.motion) * (unlike - limited)
+    look_odds = limited + doubt_of(motion) * (unlike - limited)
     look_odds += name_odds(sightings.class_id, state.tracklets.class_id, confused)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, t)
     objects, pairs = move_map(
@@ -159,15 +160,14 @@ def _advance(
         counts,
         motion.elapsed,
         shift_of(motion, sightings.frame_center),
-        doubt_of(motion, t.motion),
-        t.linking,
+        doubt_of(motion),
         t.mobility,
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
     # Which differences of looks matter in this scene?
-    share = jnp.where(counts, share_of(here, objects, t.looks), 0.0)
-    scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, share, frame, t.looks)
-    scene = learn_links(scene, state.tracklets, likeness, origin, share, t)
+    share = jnp.where(counts, share_of(here, objects), 0.0)
+    scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, share, frame)
+    scene = learn_links(scene, state.tracklets, likeness, origin, share)
     before = jnp.maximum(origin, 0)
     goes_on = (origin != NO_SLOT) & state.tracklets.just_seen[before]
     scene = learn_names(
@@ -197,9 +197,11 @@ def _advance(
     verdicts = conclude(here, objects, rows, candidates, weighed, choice)
     answered = jnp.where(choice.slot != NO_SLOT, choice.slot, here.slot)
     moves = mobility_of(answered, objects, t.mobility)
-    decisions = report(verdicts, weighed.belief, moves, here, present, sightings, static, t)
+    decisions = report(
+        verdicts, weighed.belief, moves, here, present, sightings, static, t.decision
+    )
     # What does that teach?
-    scene, objects = learn_newness(scene, objects, choice, here.class_id, t.decision)
+    scene, objects = learn_newness(scene, objects, choice, here.class_id)
     ended = find_ended(tracklets, t.decision)
     unseen = len(ended) - num
     touches = jnp.pad(sightings.touches, (0, unseen), constant_values=True)
@@ -208,8 +210,8 @@ def _advance(
         pairs,
         tracklets,
         ended | jnp.pad(choice.born, (0, unseen)),
-        center_variance(tracklets.size, touches, t.place),
-        first_speed(tracklets, scene, t.mobility),
+        center_variance(tracklets.size, touches),
+        first_speed(tracklets, scene),
     )
     merges = slots[:num], choice.slot, choice.absorbed
     looks_of_others = (
@@ -231,17 +233,15 @@ def _advance(
     row = rows_of(slot, sure, static.num_objects)
     teaches = sure & counts
     teacher = rows_of(slot, teaches, static.num_objects)
-    objects, pairs = correct_map(
-        objects, pairs, slot, teaches, teaches & ~choice.born, sightings, t.place
-    )
+    objects, pairs = correct_map(objects, pairs, slot, teaches, teaches & ~choice.born, sightings)
     since_first = jnp.sum(white[0] * white[1], axis=1)
     scene = learn_cosines(
-        scene, objects, here, sure, choice, cosine, since_first, share, state.ticks, t.calibration
+        scene, objects, here, sure, choice, cosine, since_first, share, state.ticks
     )
-    objects, scene = learn_speeds(objects, scene, here, teacher, t.mobility)
-    pairs = learn_relations(objects, pairs, teacher, sightings, tick, t.layout, t.mobility)
+    objects, scene = learn_speeds(objects, scene, here, teacher)
+    pairs = learn_relations(objects, pairs, teacher, sightings, tick, t.mobility)
     objects = learn_objects(objects, teacher, sightings, frame)
-    looks_in_view = KeptLooks.in_view(objects, here, sure, counts, sightings, t.memory)
+    looks_in_view = KeptLooks.in_view(objects, here, sure, counts, sightings)
     objects = keep_looks(objects, scene, (*looks_of_others, looks_in_view), t.memory)
     after = PlusState(
         objects=objects,

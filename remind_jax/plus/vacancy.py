@@ -18,6 +18,8 @@ from remind_jax.plus.observation import Sightings
 from remind_jax.plus.plane import squared_length
 from remind_jax.plus.state import NO_RELATION, Pairs
 
+GONE_ERROR = 1.5  # greatest standard deviation of an expected place, per size of the object
+
 
 @dataclasses.dataclass(frozen=True)
 class _Expectation:
@@ -46,7 +48,7 @@ def find_gone(
       t: Errors of relations.
     """
     place = _expect(anchor, is_anchor, sightings, pairs, t)
-    known = (place.num_anchors >= t.gone_anchors) & (place.deviation < t.gone_error * place.size)
+    known = (place.num_anchors >= t.gone_anchors) & (place.deviation < GONE_ERROR * place.size)
     margin = (place.size / 2 + place.deviation)[:, None]
     far_corner = 2 * sightings.frame_center - margin
     inside = (place.center > margin) & (place.center < far_corner)

@@ -30,6 +30,16 @@ from remind_jax.plus.static import REFRESH_FRAMES
 
 EAGER_FRAMES = 5  # the whitening is renewed in each of the first frames
 _TINY = 1e-9
+TEACHES = 16.0  # detections of an object that teach in full
+MEAN_SAMPLES = 3000.0  # running means forget beyond this many
+SCATTER_DECAY = 0.9995  # what each sample leaves of the scatter so far
+# The assumed scatter within tracklets.
+PRIOR_SAMPLES = 30.0  # that it counts for
+PRIOR_SHARE = 0.1  # part of the total
+PRIOR_ROUND = 0.7  # part of it that is equal in all directions
+# What is added to the scatter within tracklets.
+RIDGE = 0.1  # of its mean variance, in all directions
+TOTAL_SHARE = 0.02  # share of the total scatter
 
 
 def whiten(scene: Scene, looks: Float[Array, "*any D"]) -> Float[Array, "*any E"]:
@@ -38,14 +48,15 @@ def whiten(scene: Scene, looks: Float[Array, "*any D"]) -> Float[Array, "*any E"
     return to_unit(jnp.einsum("...d,ed->...e", centered, scene.whitener, precision="highest"))
 
 
-def share_of(here: Tracklets, objects: Objects, t: th.Looks) -> Float[Array, "N"]:
+def share_of(here: Tracklets, objects: Objects) -> Float[Array, "N"]:
     """How much each detection teaches: the more its object was seen, the less.
 
     What stands still for a thousand frames would be all that the statistics know.
     """
     decided = here.slot != NO_SLOT
     seen = jnp.where(decided, objects.seen[jnp.maximum(here.slot, 0)], 0)
-    return jnp.minimum(1.0, t.teaches / jnp.maximum(jnp.maximum(seen, here.age), 1))
+    known = jnp.maximum(jnp.maximum(seen, here.age), 1).astype(jnp.float32)
+    return jnp.minimum(1.0, TEACHES / known)
 
 
 def learn_scatter(
@@ -55,7 +66,6 @@ def learn_scatter(
     linked: Bool[Array, "N"],
     share: Float[Array, "N"],
     frame: Int[Array, ""],
-    t: th.Looks,
 ) -> Scene:
     """Takes the looks and backgrounds of a frame into the statistics.
 
@@ -68,20 +78,19 @@ def learn_scatter(
       linked: Detections that continue a tracklet.
       share: How much each teaches (`share_of`).
       frame: Number of this frame.
-      t: Memory lengths.
     """
     of_look, of_ring, of_step = share * jnp.stack([sightings.valid, sightings.has_ring, linked])
     looks, rings, steps = jnp.sum(of_look), jnp.sum(of_ring), jnp.sum(of_step)
     # Running means forget beyond a number of samples, scatters with each.
-    num_looks = jnp.minimum(scene.num_looks + looks, t.mean_samples)
-    num_rings = jnp.minimum(scene.num_rings + rings, t.mean_samples)
+    num_looks = jnp.minimum(scene.num_looks + looks, MEAN_SAMPLES)
+    num_rings = jnp.minimum(scene.num_rings + rings, MEAN_SAMPLES)
     off_mean = _weighed(of_look, sightings.look - scene.mean)
     off_ring = _weighed(of_ring, sightings.ring - scene.ring_mean)
     mean = scene.mean + jnp.sum(off_mean, axis=0) / jnp.maximum(num_looks, _TINY)
     ring_mean = scene.ring_mean + jnp.sum(off_ring, axis=0) / jnp.maximum(num_rings, _TINY)
     around = _weighed(jnp.sqrt(of_look), sightings.look - mean)
     within = _weighed(jnp.sqrt(of_step), step)
-    looks_fade, steps_fade = t.scatter_decay**looks, t.scatter_decay**steps
+    looks_fade, steps_fade = SCATTER_DECAY**looks, SCATTER_DECAY**steps
     place = frame % REFRESH_FRAMES
     is_now = np.arange(REFRESH_FRAMES) == place
     return dataclasses.replace(
@@ -171,10 +180,10 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     def mean_variance(scatter: Array) -> Array:
         return jnp.sum(diagonal(scatter)) / directions
 
-    assumed = t.prior_round * mean_variance(total) * identity + (1.0 - t.prior_round) * total
-    within = within + t.prior_samples * t.prior_share * assumed
-    within = within / (scene.within_weight + t.prior_samples)
-    shaped = within + t.ridge * mean_variance(within) * identity + t.total_share * total
+    assumed = PRIOR_ROUND * mean_variance(total) * identity + (1.0 - PRIOR_ROUND) * total
+    within = within + PRIOR_SAMPLES * PRIOR_SHARE * assumed
+    within = within / (scene.within_weight + PRIOR_SAMPLES)
+    shaped = within + RIDGE * mean_variance(within) * identity + TOTAL_SHARE * total
     shaped = jnp.where(t.whitening, shaped, identity) + _TINY * identity
     # Any root of the inverse gives the same cosines.
     root = root_of_inverse(shaped).T

@@ -269,7 +269,7 @@ def test_an_empty_file_is_published(tmp_path):
         ({"num_objects": 7}, r"did you mean 'static\.num_objects'"),
         ({"decisions": {"new": 0.5}}, r"did you mean 'decision\.new'"),
         ({"decision.nwe": 0.5}, "did you mean 'new'"),
-        ({"new": 0.5}, r"may be thresholds\.decision\.new or thresholds\.confidence\.new"),
+        ({"gain": 0.5}, r"may be thresholds\.mobility\.gain or thresholds\.looks\.gain"),
         ({"decision": 3}, "decision in changes is 3; it must hold keys and values"),
         (
             {"looks.gain": 1.0, "thresholds": {"looks": {"gain": 1.0}}},

@@ -53,7 +53,7 @@ def report_one(
     )
     present = np.array([True, False, False])
     moving = first(np.zeros(3, np.float32), moves)
-    return _report(verdicts, beliefs, moving, here, present, seen, STATIC, T)
+    return _report(verdicts, beliefs, moving, here, present, seen, STATIC, T.decision)
 
 
 def test_a_probable_answer_is_firm_before_it_is_decided():

@@ -117,7 +117,7 @@ def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():
     other, same, variance = calibrate(scene, T.calibration)
     np.testing.assert_allclose(
         [other, same, variance],
-        [T.calibration.other_mean, T.calibration.same_mean, T.calibration.variance],
+        [T.calibration.other_mean, T.calibration.same_mean, evidence.COSINE_VARIANCE],
         rtol=1e-4,
     )
     much = dataclasses.replace(

@@ -80,9 +80,7 @@ def related_pairs():
     state = empty_state()
     objects = objects_of([X, Y, X + Y])
     seen = detections([[1, 1], [2, 1], [4, 1]])
-    return objects, learn_relations(
-        objects, state.pairs, EVERYONE, seen, TICK, T.layout, T.mobility
-    )
+    return objects, learn_relations(objects, state.pairs, EVERYONE, seen, TICK, T.mobility)
 
 
 def test_relations_are_in_sizes_and_opposite():
@@ -99,7 +97,7 @@ def test_relations_that_are_known_better_are_not_overwritten():
     lost = dataclasses.replace(pairs, covariance=jnp.asarray(pairs.covariance).at[2, 2].set(1.0))
     seen = detections([[1, 1], [2, 1], [9, 9]])
     two = jnp.array([0, 1, NO_ROW, NO_ROW])
-    after = learn_relations(objects, lost, two, seen, TICK, T.layout, T.mobility)
+    after = learn_relations(objects, lost, two, seen, TICK, T.mobility)
     np.testing.assert_allclose(after.relation[0, 2], pairs.relation[0, 2])
     assert after.covisible[0, 2] == pairs.covisible[0, 2]
     assert after.covisible[0, 1] == pairs.covisible[0, 1] + 1
@@ -122,9 +120,7 @@ def test_what_was_known_of_an_object_that_is_gone_is_forgotten_from_both_sides(s
     objects, pairs = related_pairs()
     left = dataclasses.replace(objects, id=objects.id.at[slot].set(-1))
     nobody = jnp.full(STATIC.num_objects, NO_ROW)
-    after = learn_relations(
-        left, pairs, nobody, detections([[1, 1]] * 3), TICK, T.layout, T.mobility
-    )
+    after = learn_relations(left, pairs, nobody, detections([[1, 1]] * 3), TICK, T.mobility)
     for name, blank in (("spread", UNRELATED), ("covisible", 0), ("relation", 0), ("log_ratio", 0)):
         now, before = np.asarray(getattr(after, name)), np.asarray(getattr(pairs, name))
         assert (now[slot] == blank).all(), name
@@ -139,5 +135,5 @@ def test_an_object_keeps_every_other_look_and_its_first():
     here = tracklets_of(detections([[1, 1]] * 3), 0, 3, slot=jnp.array([0, 1, NO_SLOT]))
     for age in (2, 3):
         aged = dataclasses.replace(here, age=jnp.full(3, age))
-        looks = KeptLooks.in_view(bare, aged, SURE, SURE, detections([[1, 1]] * 3), T.memory)
-        assert looks.keeps.tolist() == [age % int(T.memory.every) == 1, True, False]
+        looks = KeptLooks.in_view(bare, aged, SURE, SURE, detections([[1, 1]] * 3))
+        assert looks.keeps.tolist() == [age % learning.KEEP_EVERY == 1, True, False]

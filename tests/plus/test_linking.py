@@ -73,7 +73,7 @@ def test_looks_are_smoothed_and_new_tracklets_are_numbered():
     origin = jnp.array([0, NO_SLOT, 2])
     after, next_id, step = advance_tracklets(
         tracklets, now, origin, jnp.int32(1), jnp.int32(7), now.valid, TICK, jnp.float32(0),
-        jnp.float32(1), T.linking, T.mobility,
+        jnp.float32(1), T.mobility,
     )  # fmt: skip
     assert after.age[:3].tolist() == [2, 1, 2]
     assert after.id[:3].tolist() == [0, 7, 2]
@@ -99,7 +99,6 @@ def test_a_missed_tracklet_may_resume_for_some_ticks(missed, waits):
         TICK,
         jnp.float32(0),
         jnp.float32(1),
-        T.linking,
         T.mobility,
     )
     assert bool(after.alive.any()) == waits

@@ -33,12 +33,12 @@ def test_a_wrong_estimate_gives_way_to_what_detections_agree_on():
     np.testing.assert_allclose(shift, [0.0, 0.0], atol=1e-6)
     shift, score = believed((2.0, 0.5), motion((-2.0, 0.0), 0.9))
     np.testing.assert_allclose(shift, [2.0, 0.5], atol=1e-6)
-    assert score == np.float32(T.motion.implied_score)
+    assert score == np.float32(motion_check.IMPLIED_SCORE)
 
 
 def test_too_few_that_agree_imply_nothing():
     tracklets = tracklets_of(detections(PLACES), 0, 3)
     apart = detections(PLACES + np.array([[1.0, 0], [-1.0, 0], [0, 2.0]]))
-    implied = imply_motion(tracklets, apart, SAME, T.motion)
+    implied = imply_motion(tracklets, apart, SAME)
     assert implied["score"] == 0
     np.testing.assert_allclose(implied["matrix"], np.eye(2, 3))

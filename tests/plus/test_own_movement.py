@@ -61,7 +61,6 @@ def follow(
             TICK,
             jnp.float32(shift),
             jnp.float32(doubt),
-            T.linking,
             T.mobility,
         )
     return tracklets
@@ -70,10 +69,8 @@ def follow(
 def test_what_moves_among_things_at_rest_is_found_out():
     tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
     np.testing.assert_allclose(tracklets.drift[0], WALK, rtol=1e-4)
-    assert speed_of(tracklets, T.mobility)[0] == pytest.approx(
-        0.3 - float(T.mobility.noise), rel=1e-3
-    )
-    assert speed_of(tracklets, T.mobility)[1:3].tolist() == [0, 0]
+    assert speed_of(tracklets)[0] == pytest.approx(0.3 - own_movement.NOISE, rel=1e-3)
+    assert speed_of(tracklets)[1:3].tolist() == [0, 0]
     expected = expect_step(tracklets, T.mobility)
     assert 0 < expected[0, 0] < 0.3
     assert not expected[1:3].any()
@@ -81,7 +78,7 @@ def test_what_moves_among_things_at_rest_is_found_out():
 
 def test_what_most_share_is_the_camera():
     tracklets = follow(np.array([WALK, WALK, WALK]))
-    assert not speed_of(tracklets, T.mobility).any()
+    assert not speed_of(tracklets).any()
 
 
 def test_a_moving_camera_makes_things_at_rest_seem_to_move():
@@ -89,8 +86,8 @@ def test_a_moving_camera_makes_things_at_rest_seem_to_move():
     parallax = np.array([[0.05, 0.0], [0.0, 0.0], [0.0, 0.0]])
     at_rest = follow(parallax, shift=0.0, doubt=0.0)
     panning = follow(parallax, shift=0.2, doubt=0.0)
-    assert speed_of(at_rest, T.mobility)[0] > 0.03
-    assert speed_of(panning, T.mobility).tolist()[:3] == [0, 0, 0]
+    assert speed_of(at_rest)[0] > 0.03
+    assert speed_of(panning).tolist()[:3] == [0, 0, 0]
     np.testing.assert_allclose(panning.image_shift[:3], 0.2, rtol=1e-5)
 
 
@@ -104,8 +101,8 @@ def test_new_objects_are_as_fast_as_the_scene_where_little_is_known():
     scene = dataclasses.replace(empty_state().scene, speed=jnp.float32(0.2))
     known = follow(np.array([0 * WALK] * 3), frames=30)
     unknown = follow(np.array([0 * WALK] * 3), frames=1)
-    assert first_speed(unknown, scene, T.mobility)[0] == pytest.approx(0.2)
-    assert first_speed(known, scene, T.mobility)[0] < 0.05
+    assert first_speed(unknown, scene)[0] == pytest.approx(0.2)
+    assert first_speed(known, scene)[0] < 0.05
 
 
 def test_speeds_of_objects_and_scene_follow_those_in_view():
@@ -113,7 +110,7 @@ def test_speeds_of_objects_and_scene_follow_those_in_view():
     objects, scene = objects_of(np.eye(3)), empty_state().scene
     row = jnp.array([0, 1, NO_ROW, NO_ROW])
     for _ in range(40):
-        objects, scene = learn_speeds(objects, scene, here, row, T.mobility)
+        objects, scene = learn_speeds(objects, scene, here, row)
     assert objects.speed[0] > 0.2
     assert objects.speed[1:].tolist() == [0, 0, 0]
     assert 0 < scene.speed < objects.speed[0]
@@ -145,10 +142,10 @@ def test_a_relation_is_forgotten_as_fast_as_its_objects_move():
         objects, state = with_speed(speed), empty_state()
         seen = detections(START)
         row = jnp.array([0, 1, 2, NO_ROW])
-        pairs = learn_relations(objects, state.pairs, row, seen, TICK, T.layout, T.mobility)
+        pairs = learn_relations(objects, state.pairs, row, seen, TICK, T.mobility)
         nobody = jnp.full(4, NO_ROW)
         for _ in range(20):
-            pairs = learn_relations(objects, pairs, nobody, seen, TICK, T.layout, T.mobility)
+            pairs = learn_relations(objects, pairs, nobody, seen, TICK, T.mobility)
         spreads.append(pairs.spread)
     assert spreads[0][0, 1] < 0.5
     assert spreads[1][0, 1] > NO_RELATION
@@ -185,7 +182,7 @@ def test_an_unlinked_detection_begins_at_rest():
     tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
     fresh, _, _ = advance_tracklets(
         tracklets, detections(START), jnp.full(3, NO_SLOT), jnp.int32(12), jnp.int32(9),
-        jnp.ones(3, bool), TICK, jnp.float32(0), jnp.float32(1), T.linking, T.mobility,
+        jnp.ones(3, bool), TICK, jnp.float32(0), jnp.float32(1), T.mobility,
     )  # fmt: skip
     assert not fresh.drift[:3].any()
     assert not fresh.num_moves[:3].any()

@@ -62,7 +62,7 @@ def test_an_object_in_view_corrects_one_out_of_view():
     sightings = dataclasses.replace(sightings, center=seen)
     sure = jnp.arange(len(seen)) == 0
     slot = jnp.zeros(len(seen), jnp.int32)
-    after, left = correct_map(objects, pairs, slot, sure, sure, sightings, T.place)
+    after, left = correct_map(objects, pairs, slot, sure, sure, sightings)
     # Nearly all of the error is shared, so the other moves nearly as far.
     np.testing.assert_allclose(after.position[1], [9.5, 2.0], atol=0.05)
     assert left.covariance[1, 1] < 0.1
@@ -84,7 +84,7 @@ def test_rounding_leaves_a_covariance_through_years_of_doubt():
         place = objects.position[chosen] + 0.05
         seen = dataclasses.replace(sightings, center=place)
         objects = dataclasses.replace(objects, last=objects.last.at[chosen].set(now))
-        return correct_map(objects, pairs, chosen, sure, sure, seen, T.place)
+        return correct_map(objects, pairs, chosen, sure, sure, seen)
 
     def motion_of(moved, score):
         matrix = jnp.concatenate([jnp.eye(2), moved[:, None]], axis=1)
@@ -116,7 +116,7 @@ def test_detections_in_blocks_correct_the_map_as_one_after_the_other(monkeypatch
 
     def correct():
         given = lambda *leaves: scene_map.correct_map(*leaves)  # noqa: E731  (traced anew)
-        return jax.jit(given)(objects, pairs, slot, sure, sure, sightings, T.place)
+        return jax.jit(given)(objects, pairs, slot, sure, sure, sightings)
 
     at_once = correct()
     monkeypatch.setattr(scene_map, "BLOCK", 4)
@@ -127,7 +127,7 @@ def test_detections_in_blocks_correct_the_map_as_one_after_the_other(monkeypatch
         jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=2e-5), one, other)
     # The same as by the textbook, one detection after the other.
     position, covariance = np.array(objects.position), np.array(pairs.covariance, np.float64)
-    measured = np.asarray(scene_map.center_variance(sightings.size, sightings.touches, T.place))
+    measured = np.asarray(scene_map.center_variance(sightings.size, sightings.touches))
     for row in np.flatnonzero(sure):
         place = int(slot[row])
         gain = covariance[place] / (covariance[place, place] + measured[row])

@@ -29,7 +29,7 @@ def learned(frames: int = 61):
         looks = np.array([[-1.0], [0.0], [1.0]]) * KIND + wander
         seen = detections(np.zeros((3, 2)), looks)
         step = jnp.asarray(wander, jnp.float32)
-        scene = learn_scatter(scene, seen, step, jnp.ones(3, bool), FULL, frame, T.looks)
+        scene = learn_scatter(scene, seen, step, jnp.ones(3, bool), FULL, frame)
         if frame < frames - 1:
             scene, _ = renew_whitening(scene, state.objects, frame, T.looks)
     return scene
@@ -63,10 +63,10 @@ def test_scatters_are_the_sums_over_all_frames_however_late_they_are_summed():
         looks, step = rng.normal(size=(2, 3, 3)).astype(np.float32)
         seen = detections(np.zeros((3, 2)), looks)
         linked = jnp.arange(3) < frame % 4
-        scene = learn_scatter(scene, seen, jnp.asarray(step), linked, FULL, frame, T.looks)
+        scene = learn_scatter(scene, seen, jnp.asarray(step), linked, FULL, frame)
         around, moved = looks - np.asarray(scene.mean), step[np.asarray(linked)]
-        total = total * T.looks.scatter_decay**3 + around.T @ around
-        within = within * T.looks.scatter_decay ** len(moved) + moved.T @ moved
+        total = total * whitening.SCATTER_DECAY**3 + around.T @ around
+        within = within * whitening.SCATTER_DECAY ** len(moved) + moved.T @ moved
         scene, _ = renew_whitening(scene, state.objects, frame, T.looks)
     np.testing.assert_allclose(scene.total, total, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(scene.within, within, rtol=1e-4, atol=1e-4)
@@ -77,7 +77,7 @@ def test_empty_slots_teach_nothing():
     nan = jnp.full((3, 3), jnp.nan)
     nobody = jnp.zeros(3, bool)
     nothing = detections(np.zeros((3, 2)), nan, ring=nan, valid=nobody, has_ring=nobody)
-    after = learn_scatter(scene, nothing, nan, nobody, FULL, jnp.int32(0), T.looks)
+    after = learn_scatter(scene, nothing, nan, nobody, FULL, jnp.int32(0))
     for field in dataclasses.fields(scene):
         np.testing.assert_array_equal(getattr(after, field.name), getattr(scene, field.name))
 
@@ -86,7 +86,7 @@ def test_the_mean_background_is_that_of_detections_that_have_one():
     rings = jnp.asarray([[1.0, 2, 3], [3.0, 2, 1], [9.0, 9, 9]])
     seen = detections(np.zeros((3, 2)), ring=rings, has_ring=jnp.array([True, True, False]))
     nobody, now = jnp.zeros(3, bool), jnp.int32(0)
-    scene = learn_scatter(empty_state().scene, seen, rings, nobody, FULL, now, T.looks)
+    scene = learn_scatter(empty_state().scene, seen, rings, nobody, FULL, now)
     np.testing.assert_allclose(scene.ring_mean, [2.0, 2.0, 2.0], rtol=1e-6)
     assert scene.num_rings == 2
     assert scene.num_looks == 3

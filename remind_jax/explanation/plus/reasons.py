@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from remind_jax.decision import Outcome, Reason
 from remind_jax.explanation.plus.explanation import PlusCandidate, PlusExplanation
+from remind_jax.plus.answers import SMALL
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Stage
 from remind_jax.printing.words import change, compare, listing, number, plural, sentence
@@ -140,7 +141,7 @@ def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
     new = f"new ({number(e.new_probability or 0.0)})"
     firm = number(d.firm)
     if e.answer_id == e.tracklet_id:
-        firm += f", a new object of a size under {number(d.small)} from {number(d.firm_small)}"
+        firm += f", a new object of a size under {number(SMALL)} from {number(d.firm_small)}"
     return (
         f"not decided yet and no answer is likely enough ({sure}; firm from {firm}): "
         f"{listing([*options, new], 'or')}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 
@@ -109,6 +110,16 @@ def test_saved_runs_explain_the_same(result, explained, tmp_path, capsys, monkey
     assert read["format"] == "remind-jax explanation of plus"
     assert read["stage"] == one.stage.name.lower()
     assert set(read["candidates"][0]["parts"]) == set(Evidence.kinds())
+
+
+def test_a_run_with_settings_that_are_gone_is_explained(result, explained):
+    config = copy.deepcopy(result.info.config)
+    config["thresholds"]["linking"]["slack"] = 0.12
+    config["thresholds"]["confidence"] = {"known": 0.0113}
+    info = dataclasses.replace(result.info, config=config)
+    one = explained[0]
+    before = dataclasses.replace(result, info=info)
+    assert before.explain(one.frame, one.detection) == one
 
 
 def test_what_a_delay_revised_is_explained(result):
