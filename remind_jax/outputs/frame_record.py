@@ -15,6 +15,7 @@ from remind_jax.frame import NO_INSTANCE, Detections, Frame
 from remind_jax.masks.run_length import encode_masks
 
 DETECTIONS_NAME = "detections.jsonl"
+TIMES_NAME = "times.txt"  # as `sources.image_folder` reads it
 
 
 class FrameRecord(contextlib.AbstractContextManager):
@@ -44,12 +45,15 @@ class FrameRecord(contextlib.AbstractContextManager):
         with writing(self.target):
             for old in self.target.glob("[0-9]" * 6 + ".png"):
                 old.unlink()
-            path = self.target / DETECTIONS_NAME
-            self._rows = path.open("w", encoding="ascii", newline="\n")
+            self._rows, self._times = (
+                (self.target / name).open("w", encoding="ascii", newline="\n")
+                for name in (DETECTIONS_NAME, TIMES_NAME)
+            )
         return self
 
     def __exit__(self, *raised: object) -> None:
         self._rows.close()
+        self._times.close()
 
     def add(self, frame: Frame) -> None:
         """Writes a frame with its detections.
@@ -59,6 +63,10 @@ class FrameRecord(contextlib.AbstractContextManager):
         """
         if frame.image is None:
             raise OutputError(f"frame '{frame.name}' has no image to record; leave out record")
+        # First: where a recording is cut off, every picture has its time.
+        with writing(self.target / TIMES_NAME):
+            self._times.write(f"{float(frame.time_s)!r}\n")
+            self._times.flush()
         options = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # the sizes are near, the times are not
         pixels = cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR)
         png = cv2.imencode(".png", pixels, options)[1].tobytes()

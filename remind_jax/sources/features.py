@@ -22,11 +22,11 @@ from remind_jax.sources.label_maps import (
     instance_ids_in,
     require_classes,
 )
+from remind_jax.sources.sampling import MAX_TIME_S, mean_rate
 from remind_jax.sources.source import DEFAULT_IMAGE_FPS, Content, Entry, Report, UnreadableFrame
 
 FEATURE_SUFFIXES = (".npz", ".npy")
 MAX_NAME = 1000  # characters of the name of a frame
-MAX_TIME_S = 1e10
 KNOWN_ARRAYS = ("features", "masks", "ids", "labels", "images", "times_s", "names")
 
 
@@ -55,7 +55,7 @@ class FeatureReader:
         self._is_timed = "times_s" in self._arrays or fps is not None
         shown_fps = fps or DEFAULT_IMAGE_FPS
         self._times_s = self._arrays.get("times_s", np.arange(self.num_entries) / shown_fps)
-        self.fps: float | None = _rate(self._times_s, shown_fps)
+        self.fps: float | None = mean_rate(self._times_s, shown_fps)
         self._names = tuple(
             str(n)
             for n in self._arrays.get("names", [f"{i:06d}" for i in range(len(self._times_s))])
@@ -193,9 +193,3 @@ def find_classes(
             )
         by_id[number] = label
     return ClassNames(by_id, file=file) if "ids" in arrays else UNNAMED
-
-
-def _rate(times_s: np.ndarray, fps: float) -> float | None:
-    if len(times_s) < 2 or times_s[-1] <= times_s[0]:
-        return fps
-    return float((len(times_s) - 1) / (times_s[-1] - times_s[0]))

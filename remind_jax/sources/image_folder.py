@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Generator, Sequence
 from pathlib import PurePosixPath
 
@@ -10,6 +11,7 @@ from remind_jax.errors import SourceError
 from remind_jax.formats.pictures import IMAGE_SUFFIXES, decode_image
 from remind_jax.frame import SkippedFrame
 from remind_jax.sources.file_tree import FileTree, join, require_inside
+from remind_jax.sources.sampling import MAX_TIME_S, mean_rate
 from remind_jax.sources.source import DEFAULT_IMAGE_FPS, Content, Entry, Report
 
 # Pictures as well, which are not read.
@@ -19,11 +21,14 @@ OTHER_SUFFIXES = (
 )
 
 
+TIMES_NAME = "times.txt"  # seconds of every picture, one a line, where they are known
+
+
 class ImageReader:
     """Pictures of one folder of a tree.
 
     Raises:
-      SourceError: If there is no picture, or one of `file_names` is missing.
+      SourceError: If there is no picture, one of `file_names` is missing, or times are no numbers.
     """
 
     kind = "images"
@@ -55,22 +60,48 @@ class ImageReader:
             )
         self.name = name
         shown_fps = fps or DEFAULT_IMAGE_FPS
-        self.fps: float | None = shown_fps
-        self._interval_s = 1 / shown_fps
+        known_s = _read_times(tree, join(folder, TIMES_NAME), len(file_names))
+        self._is_timed = known_s is not None or fps is not None
+        self._times_s = known_s or [index / shown_fps for index in range(len(file_names))]
+        self.fps: float | None = mean_rate(self._times_s, shown_fps)
         self.num_entries: int | None = len(file_names)
         self.entry_names: tuple[str, ...] | None = tuple(file_names)
-        self._tree, self._folder, self._is_timed = tree, folder, fps is not None
+        self._tree, self._folder = tree, folder
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
         """Yields one entry per picture."""
         for index, name in enumerate(self.entry_names or ()):
             path = join(self._folder, name)
             read = functools.partial(_read, self._tree, path)
-            yield Entry(index, index * self._interval_s, name, read, self._is_timed)
+            yield Entry(index, self._times_s[index], name, read, self._is_timed)
         if self._others:
             suffix = PurePosixPath(self._others[0]).suffix
             reason = f"pictures of the kind {suffix} are not read; convert them to PNG or JPEG"
             report(SkippedFrame(self._others[0], reason, count=len(self._others)))
+
+
+def _read_times(tree: FileTree, path: str, num: int) -> list[float] | None:
+    """Seconds of the first `num` pictures; None where no file tells."""
+    if not tree.has_file(path):
+        return None
+    times_s = []
+    for number, line in enumerate(tree.read(path).decode("ascii", "replace").split()[:num]):
+        try:
+            time_s = float(line)
+        except ValueError:
+            time_s = math.nan
+        if not abs(time_s) <= MAX_TIME_S:
+            raise SourceError(
+                f"line {number + 1} of '{tree.locate(path)}' is {line[:40]!r}; give the seconds of "
+                "one picture in every line, or remove the file"
+            )
+        times_s.append(time_s)
+    if len(times_s) < num:
+        raise SourceError(
+            f"'{tree.locate(path)}' has the times of {len(times_s)} of {num} pictures; give all of "
+            "them, or remove the file"
+        )
+    return times_s
 
 
 def list_images(tree: FileTree, folder: str) -> list[str]:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol, TypeVar
+
+import numpy as np
 
 from remind_jax.errors import OptionError
 from remind_jax.files.limits import MAX_FRAMES
 from remind_jax.settings.ranges import check_option
 
 MIN_RATE, MAX_RATE = 1e-6, 1e6  # frames per second
+MAX_TIME_S = 1e10
 RATE_SLACK = 1e-6  # frames; time stamps are rounded to the container's clock
 
 
@@ -100,3 +103,10 @@ class Sampling:
         if source_fps is None:
             return self.fps
         return min(source_fps / self.stride, self.fps if self.fps is not None else math.inf)
+
+
+def mean_rate(times_s: Sequence[float] | np.ndarray, otherwise: float) -> float:
+    """Frames per second by the first and the last time."""
+    if len(times_s) < 2 or times_s[-1] <= times_s[0]:
+        return otherwise
+    return float((len(times_s) - 1) / (times_s[-1] - times_s[0]))

@@ -23,6 +23,22 @@ def test_rgb_in_natural_order(tmp_path, suffix):
         assert np.abs(frame.image[:, 2 * index + 12 :] - wanted).max() <= 6
 
 
+def test_times_of_pictures_stand_in_a_file_beside_them(tmp_path):
+    making.write_images(tmp_path, ["0.png", "1.png", "2.png"])
+    assert [frame.is_timed for frame in open_source(tmp_path)] == [False] * 3
+    (tmp_path / "times.txt").write_text("0.5\n0.75\n1.5\n0.1\n")  # of one that was not written
+    frames = list(open_source(tmp_path))
+    assert [(frame.time_s, frame.is_timed) for frame in frames] == [
+        (0.5, True),
+        (0.75, True),
+        (1.5, True),
+    ]
+    for text, said in (("0\n1\n", "2 of 3"), ("0\nnan\n2\n", "'nan'"), ("0 1 x", "'x'")):
+        (tmp_path / "times.txt").write_text(text)
+        with pytest.raises(SourceError, match=said):
+            open_source(tmp_path)
+
+
 def test_corrupt_image_is_skipped_and_reported(tmp_path):
     making.write_images(tmp_path, [f"{i}.jpg" for i in range(5)])
     (tmp_path / "2.jpg").write_bytes(b"\xff\xd8 no image")
