@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Else every process of the tests compiles the package and the tests anew.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: help demo test test-heavy test-slow docs-check first-command test-matrix fuzz kills soak lint types bench figures notebooks docs dist clean
 

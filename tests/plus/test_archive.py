@@ -158,6 +158,7 @@ def test_looks_are_whitened_on_the_host_as_in_the_step():
     np.testing.assert_allclose(Whitener.of(scene).whiten(looks), whiten(scene, looks), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_bound_below_the_working_set_holds_out_of_view(building):
     tracker = rj.Tracker(config={"input": {"max_objects": 20}})
     told = walk(tracker, building, range(4))

@@ -195,6 +195,7 @@ def test_two_walks_through_overlapping_places_become_one_memory(tmp_path):
     assert len(again.objects()) == 9 * PER_PLACE + 1
 
 
+@pytest.mark.slow
 def test_memories_of_other_features_or_trackers_are_refused(tmp_path):
     building = Building(PER_PLACE, noise=0.05, one_class=False, seed=3)
     tracker = rj.Tracker(config=CONFIG)

@@ -256,6 +256,7 @@ def test_too_few_slots_are_flagged_and_change_nothing_else():
     assert jax.tree.structure(before) == jax.tree.structure(state)
 
 
+@pytest.mark.slow
 def test_a_batch_of_walks_is_followed_like_each_of_them():
     walks = [pan(seed) for seed in (0, 1)]
     both = jax.tree.map(
