@@ -34,7 +34,7 @@ class Explainer(abc.ABC, Generic[Record]):
         self._archive = archive
         self._tracks = tracks
         # No sentence names a setting that is gone since the run.
-        own = Config().updated({name: config[name] for name in config if name == "tracker"})
+        own = Config().updated({"tracker": config["tracker"]} if "tracker" in config else {})
         known = set(own.keys)
         self._config = own.updated(nest({k: v for k, v in flatten(config) if k in known}))
 

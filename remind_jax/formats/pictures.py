@@ -20,6 +20,7 @@ from remind_jax.files.limits import MAX_PICTURE_PIXELS, MAX_SIDE_PX
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+TIMES_NAME = "times.txt"  # in a folder of pictures: seconds of every one, one a line
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
 _KINDS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF")
 _MAX_SCANS = 100  # of a JPEG that gets sharper, which has some ten; each takes as long as a picture

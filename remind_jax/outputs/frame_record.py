@@ -11,11 +11,11 @@ import cv2
 
 from remind_jax.errors import OutputError
 from remind_jax.files import as_path, make_folder, replace_file, writing
+from remind_jax.formats.pictures import TIMES_NAME
 from remind_jax.frame import NO_INSTANCE, Detections, Frame
 from remind_jax.masks.run_length import encode_masks
 
 DETECTIONS_NAME = "detections.jsonl"
-TIMES_NAME = "times.txt"  # as `sources.image_folder` reads it
 
 
 class FrameRecord(contextlib.AbstractContextManager):

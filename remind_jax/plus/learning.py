@@ -40,7 +40,7 @@ RELATION_RATE = 0.3  # ... with this weight of the new one
 KEEP_EVERY = 2  # a look is learned once in so many detections
 BORDER_AGE = 8  # detections; later looks at the border are not kept
 # Cosines that teach, and their weights.
-TEACH_EVERY = 2  # frames
+TEACH_EVERY = 2  # ticks
 TEACH_AGE = 8  # detections of a tracklet that teaches
 SAME_WEIGHT = 0.5  # now and first sight of a tracklet
 OTHER_WEIGHT = 0.5  # other objects of the class in view

@@ -37,7 +37,7 @@ from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.plus.whitening import whiten
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
-SMOOTHING = 4  # frames that the look of a tracklet averages
+SMOOTHING = 4  # detections that the look of a tracklet averages
 # How links score.
 DISTANCE_MAX = 4.0  # relative distances count up to here
 DISTANCE_SLACK = 0.12  # added to the scale of distances per tick unseen, length
@@ -62,10 +62,8 @@ class Links:
 
 def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
     """Moves boxes and centers along with the image, and on by what moves of its own."""
-    turn, shift = (
-        motion.matrix[:, :2],
-        motion.matrix[:, 2] + tick_of(motion.elapsed) * expect_step(tracklets, t),
-    )
+    turn = motion.matrix[:, :2]
+    shift = motion.matrix[:, 2] + tick_of(motion.elapsed) * expect_step(tracklets, t)
     low, high = tracklets.box[:, :2], tracklets.box[:, 2:]
     middle = turned((low + high) / 2, turn) + shift
     half = (high - low) / 2 * zoom_of(turn)

@@ -29,9 +29,9 @@ NOISE_RATE = 0.4  # more of it, per length that the image moves
 # What is averaged.
 SAMPLES = 16  # ticks that the own movement of a tracklet averages
 LEAST_MOVES = 3  # ticks from which on it counts
-MEMORY = 32.0  # frames of the speed of an object
-PRIOR = 4.0  # frames that the speed of the scene counts for in that of a new object
-SCENE_RATE = 0.05  # share that a frame changes of the speed of the scene
+MEMORY = 32.0  # ticks of the speed of an object
+PRIOR = 4.0  # ticks that the speed of the scene counts for in that of a new object
+SCENE_RATE = 0.05  # share that a tick changes of the speed of the scene
 # What speeds make of objects.
 HALF_SPEED = 0.02  # of one that is by half one that moves, length
 FORGETTING = 2.0  # errors of places and relations grow by this times the speed
@@ -112,6 +112,7 @@ def learn_speeds(
     objects: Objects,
     scene: Scene,
     here: Tracklets,
+    counts: Bool[Array, "N"],
     row: Int[Array, "O"],
 ) -> tuple[Objects, Scene]:
     """Follows the speeds of the objects in view, and that of all objects together.
@@ -120,10 +121,11 @@ def learn_speeds(
       objects: Objects.
       scene: What is known of all of them.
       here: Tracklets of the detections.
+      counts: Detections that count.
       row: Detection of each object, NO_ROW out of view.
     """
     speed = speed_of(here)
-    counts = here.alive & (here.num_moves >= LEAST_MOVES) & ~here.touched
+    counts = counts & (here.num_moves >= LEAST_MOVES) & ~here.touched
     learns = (row != NO_ROW) & counts[row]
     rate = learns / jnp.minimum(objects.seen + 1 + PRIOR, MEMORY)
     num = jnp.sum(counts)

@@ -33,9 +33,9 @@ TRUSTED_SCORE = 0.4  # fully from here on
 # Standard deviations of what moves places, beyond `motion.shift_error`.
 SHIFT_ERROR_RATE = 0.04  # of the shift per unit moved
 SHIFT_ERROR_LOST = 0.25  # of the shift where the motion is not believed, length
-TURN_ERROR = 0.004  # of turn and zoom per frame, radians
+TURN_ERROR = 0.004  # of turn and zoom per tick, radians
 TURN_ERROR_LOST = 4.0  # factor above 1 where the motion is not believed
-OWN_ERROR = 0.003  # of each object apart, per frame, length
+OWN_ERROR = 0.003  # of each object apart, per tick, length
 OWN_ERROR_RATE = 0.006  # of each object apart, per unit moved
 REACH = 30.0  # places further from the center turn as if they were this far, length
 # Standard deviation of a measured center.

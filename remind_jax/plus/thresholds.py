@@ -45,7 +45,7 @@ class Motion:
     Rules: method_plus.md#motion-check, method_plus.md#map-motion.
     """
 
-    shift_error: Real = setting(0.02, "standard deviation of the shift per frame", "length")
+    shift_error: Real = setting(0.02, "standard deviation of the shift per tick", "length")
     checked: Gate = setting(True, "disbelieve a motion that the detections contradict")
 
 

@@ -238,7 +238,7 @@ def _advance(
     scene = learn_cosines(
         scene, objects, here, sure, choice, cosine, since_first, share, state.ticks
     )
-    objects, scene = learn_speeds(objects, scene, here, teacher)
+    objects, scene = learn_speeds(objects, scene, here, counts, teacher)
     pairs = learn_relations(objects, pairs, teacher, sightings, tick, t.mobility)
     objects = learn_objects(objects, teacher, sightings, frame)
     looks_in_view = KeptLooks.in_view(objects, here, sure, counts, sightings)

@@ -8,7 +8,7 @@ from collections.abc import Generator, Sequence
 from pathlib import PurePosixPath
 
 from remind_jax.errors import SourceError
-from remind_jax.formats.pictures import IMAGE_SUFFIXES, decode_image
+from remind_jax.formats.pictures import IMAGE_SUFFIXES, TIMES_NAME, decode_image
 from remind_jax.frame import SkippedFrame
 from remind_jax.sources.file_tree import FileTree, join, require_inside
 from remind_jax.sources.sampling import MAX_TIME_S, mean_rate
@@ -19,9 +19,6 @@ OTHER_SUFFIXES = (
     *(".heic", ".heif", ".avif", ".jxl", ".jp2", ".exr", ".hdr", ".ppm", ".pgm", ".tga"),
     *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2"),
 )
-
-
-TIMES_NAME = "times.txt"  # seconds of every picture, one a line, where they are known
 
 
 class ImageReader:

@@ -110,7 +110,7 @@ def test_speeds_of_objects_and_scene_follow_those_in_view():
     objects, scene = objects_of(np.eye(3)), empty_state().scene
     row = jnp.array([0, 1, NO_ROW, NO_ROW])
     for _ in range(40):
-        objects, scene = learn_speeds(objects, scene, here, row)
+        objects, scene = learn_speeds(objects, scene, here, here.alive, row)
     assert objects.speed[0] > 0.2
     assert objects.speed[1:].tolist() == [0, 0, 0]
     assert 0 < scene.speed < objects.speed[0]
