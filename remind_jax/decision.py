@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from typing import Any
 
 import jax
 import numpy as np
@@ -98,10 +97,6 @@ class Decisions:
     candidate_eligible: Bool[Array, "N C"]  # open to assignment
     candidate_plausible: Bool[Array, "N C"]  # not vetoed by context
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
-
-    def replaced(self, **values: Any) -> Decisions:
-        """With other values of some fields."""
-        return dataclasses.replace(self, **values)
 
 
 @jax.tree_util.register_dataclass

@@ -129,7 +129,7 @@ class Host:
     # Phrases about what is wrong with a memory that was read from a file, `find_faults(state)`,
     # beyond what holds for every method (`session.memory_file`).
     find_faults: Callable[[Any], Iterable[str]] | None = None
-    # Arrays of memory files of the schema before, by name: the axis along which each holds several
+    # Arrays of memory files of earlier schemas, by name: the axis along which each holds several
     # leaves side by side, and their names (`session.earlier_memory`).
     columns: Mapping[str, tuple[int, tuple[str, ...]]] = dataclasses.field(default_factory=dict)
     # Leaves that these files do not have; they are as in an empty memory.

@@ -65,7 +65,8 @@ def count(state, seen, *, static, thresholds):
     needed = used + jnp.sum(masks.valid)
     fits = needed <= static.num_objects
     slot = jnp.where(masks.valid, used + rank, static.num_objects)
-    decisions = no_decisions(static).replaced(
+    decisions = dataclasses.replace(
+        no_decisions(static),
         outcome=jnp.where(masks.valid, int(Outcome.NEW), int(Outcome.EMPTY)),
         object_id=ids,
     )

@@ -7,6 +7,7 @@ Letters: `N` detections, `C` candidates, `K` objects that an undecided detection
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import jax
@@ -156,7 +157,8 @@ def report(
     firm_id = jnp.where(is_firm, verdicts.answer_id, NO_ID)
     ordered, ranked = jax.lax.top_k(belief, belief.shape[1])
     listed = _shown_candidates(verdicts, ordered, ranked, static.num_candidates)
-    decisions = no_decisions(static).replaced(
+    decisions = dataclasses.replace(
+        no_decisions(static),
         outcome=outcome.astype(jnp.int32),
         reason=reason.astype(jnp.int32),
         object_id=firm_id,

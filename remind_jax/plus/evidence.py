@@ -12,6 +12,7 @@ import functools
 import math
 import operator
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -169,8 +170,17 @@ def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Arra
     return jnp.max(jnp.where(objects.bank_count > 0, cosine, -1.0), axis=-1)
 
 
-def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
-    """Mean cosine of other objects and of the same one, and their common variance.
+class Cosines(NamedTuple):
+    """Cosines of looks of other objects and of the same one."""
+
+    other: Float[Array, ""]  # mean
+    same: Float[Array, ""]  # mean
+    other_variance: Float[Array, ""]
+    variance: Float[Array, ""]  # mean of both variances
+
+
+def calibrate(scene: Scene, t: th.Calibration) -> Cosines:
+    """What cosines are like in this scene.
 
     Rule: method_plus.md#calibration.
     """
@@ -187,9 +197,10 @@ def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
     other, other_variance = learned(0, t.other_mean)
     same, same_variance = learned(1, t.same_mean)
     on = t.enabled
-    return (
+    return Cosines(
         jnp.where(on, other, t.other_mean),
         jnp.where(on, same, t.same_mean),
+        jnp.where(on, other_variance, COSINE_VARIANCE),
         jnp.where(on, (other_variance + same_variance) / 2, COSINE_VARIANCE),
     )
 
@@ -272,8 +283,9 @@ def look_odds_of(
     cosine: Float[Array, "*any"], scene: Scene, t: th.PlusThresholds
 ) -> Float[Array, "*any"]:
     """Log odds that two looks of this cosine are of one object."""
-    other, same, variance = calibrate(scene, t.calibration)
-    return t.looks.gain * (same - other) / variance * (cosine - (same + other) / 2)
+    usual = calibrate(scene, t.calibration)
+    slope = t.looks.gain * (usual.same - usual.other) / usual.variance
+    return slope * (cosine - (usual.same + usual.other) / 2)
 
 
 def _look_evidence(

@@ -46,6 +46,7 @@ SIZE_LOSS = 0.5  # per log ratio of sizes, log odds
 # Looks that contradict.
 UNLIKE = 1.5  # most loss where the image motion is believed, log odds
 ASSUMED_LINKS = 10.0  # samples that what is assumed of looks in two frames counts for
+CUT_SHARE = 0.5  # detections that are assumed to go on over a cut, and not to
 TAILS = 3.0  # degrees of freedom of what looks of one object differ by
 
 
@@ -80,7 +81,7 @@ def link_odds(cosine: Float[Array, "N T"], scene: Scene, t: th.Calibration) -> F
     Rule: method_plus.md#linking. By what was learned of links, with far tails: a look may change
     suddenly.
     """
-    other, _, variance = calibrate(scene, t)
+    usual = calibrate(scene, t)
     weight, once, squares = scene.links + ASSUMED_LINKS * jnp.array(
         [1.0, t.same_mean, COSINE_VARIANCE + t.same_mean**2]
     )
@@ -88,8 +89,28 @@ def link_odds(cosine: Float[Array, "N T"], scene: Scene, t: th.Calibration) -> F
     own = jnp.maximum(squares / weight - mean**2, LEAST_COSINE_VARIANCE)
     below = jnp.minimum(cosine - mean, 0.0) ** 2 / own
     same = -0.5 * (TAILS + 1.0) * jnp.log1p(below / TAILS) - 0.5 * jnp.log(own)
-    different = -0.5 * (cosine - other) ** 2 / variance - 0.5 * jnp.log(variance)
+    # What is even less alike than others are is no more like the same.
+    above = jnp.maximum(cosine - usual.other, 0.0)
+    different = -0.5 * above**2 / usual.other_variance - 0.5 * jnp.log(usual.other_variance)
     return jnp.minimum(same - different, 0.0)
+
+
+def cut_odds(
+    unlike: Float[Array, "N T"], tracklets: Tracklets, sightings: Sightings
+) -> Float[Array, ""]:
+    """Log odds, 0 at most, that anything goes on over a cut: how many detections look like it.
+
+    Rule: method_plus.md#linking.
+
+    Args:
+      unlike: Log odds of `link_odds`.
+      tracklets: Tracklets before the frame.
+      sightings: Detections.
+    """
+    likely = jnp.max(jnp.where(tracklets.alive, jnp.exp(unlike), 0.0), axis=1)
+    going_on = jnp.sum(jnp.where(sightings.valid, likely, 0.0))
+    others = jnp.sum(sightings.valid) - going_on
+    return jnp.minimum(jnp.log((going_on + CUT_SHARE) / (others + CUT_SHARE)), 0.0)
 
 
 def learn_links(

@@ -42,6 +42,7 @@ from remind_jax.plus.linking import (
     UNLIKE,
     advance_tracklets,
     compare_looks,
+    cut_odds,
     learn_links,
     link,
     link_odds,
@@ -134,7 +135,8 @@ def _advance(
     unlike = link_odds(likeness, state.scene, t.calibration)
     limited = jnp.maximum(unlike, -UNLIKE)
     confused = confusion_odds(state.scene, t.names)
-    look_odds = limited + doubt_of(motion) * (unlike - limited)
+    over_cut = unlike + cut_odds(unlike, state.tracklets, sightings)
+    look_odds = limited + doubt_of(motion) * (over_cut - limited)
     look_odds += name_odds(sightings.class_id, state.tracklets.class_id, confused)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, t)
     objects, pairs = move_map(

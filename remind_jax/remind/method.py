@@ -143,6 +143,18 @@ def count_bytes(static: Static) -> int:
     )
 
 
+# Arrays of memory files before schema 9, which held these leaves side by side.
+_COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
+    f"{record}.{name}": (-1, tuple(f"{record}.{leaf}" for leaf in leaves.split()))
+    for record, name, leaves in (
+        ("objects", "wholes", "id class_id lifecycle hits misses age last_seen"),
+        ("pending", "wholes", "kind class_id from_parent id hits known_id"),
+        ("pending", "reals", "known_score center area"),
+        ("distances.edges", "counts", "gap_count contact_count"),
+        ("distances.edges", "means", "gap_mean center_mean support_mean"),
+    )
+}
+
 METHOD = Method(
     PAPER_METHOD,
     Thresholds,
@@ -156,6 +168,7 @@ METHOD = Method(
         explainer_name="remind_jax.explanation.remind.explainer:RemindExplainer",
         remove=remove,
         find_faults=find_faults,
+        columns=_COLUMNS,
         count_bytes=count_bytes,
     ),
     Sweeping(

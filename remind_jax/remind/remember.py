@@ -105,7 +105,8 @@ def remember(
     pending_slot = jnp.where(fits & in_track, pending_slot, num_pending)
     written = write_tracks(tracks, items, pending_slot, joined)
     tracks = jax.tree.map(lambda new, old: jnp.where(fits, new, old), written, state.pending)
-    decisions = decisions.replaced(
+    decisions = dataclasses.replace(
+        decisions,
         object_id=jnp.where(
             is_new, objects.id.at[slot].get(mode="fill", fill_value=NO_ID), decisions.object_id
         ),

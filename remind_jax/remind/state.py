@@ -84,7 +84,7 @@ def init(static: Static) -> TrackerState:
         return full(objects, int(value), np.int32)
 
     empty = TrackerState(
-        objects=Objects.of(
+        objects=Objects(
             id=column(NO_ID),
             class_id=column(NO_ID),
             lifecycle=column(Lifecycle.NEW),
@@ -158,7 +158,8 @@ def remove_objects(state: TrackerState, forgotten: Bool[Array, "O"]) -> TrackerS
     rows = jnp.concatenate([order, slots + jnp.arange(num_pending, dtype=jnp.int32)])
     filled = jnp.concatenate([alive, jnp.ones(num_pending, bool)])
     kept = jax.tree.map(lambda leaf: leaf[order], state.objects)
-    objects = kept.replaced(
+    objects = dataclasses.replace(
+        kept,
         id=jnp.where(alive, kept.id, NO_ID),
         class_id=jnp.where(alive, kept.class_id, NO_ID),
     )

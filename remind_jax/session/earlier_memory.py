@@ -1,4 +1,4 @@
-"""Memory files of the schema before: arrays whose columns are leaves of their own now."""
+"""Memory files of earlier schemas: arrays whose columns are leaves of their own now."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from remind_jax.decision import no_decisions
 from remind_jax.method import Method, named_leaves
 from remind_jax.static import Static
 
-EARLIER_VERSION = 7  # of the schema, which is read as well
+EARLIER_VERSIONS = ("7", "8")  # of the schema, which are read as well
+WITH_OTHER_DECISIONS = "7"
 
 Columns = Mapping[str, tuple[int, tuple[str, ...]]]  # as `method.Host.columns`
 

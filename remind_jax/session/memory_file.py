@@ -25,7 +25,8 @@ from remind_jax.method import PAPER_METHOD, AtRest, Method, get_method, named_le
 from remind_jax.numerics.array_faults import not_finite
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
 from remind_jax.session.earlier_memory import (
-    EARLIER_VERSION,
+    EARLIER_VERSIONS,
+    WITH_OTHER_DECISIONS,
     split_columns,
     with_new_leaves,
     without_decisions,
@@ -192,8 +193,9 @@ def load_memory(path: str | Path) -> SavedMemory:
     static, names, announced, _ = _read_description(metadata, path)
     method = get_method(metadata["tracker"])
     expected = _shape(method.name, static)
-    if metadata["schema"] == str(EARLIER_VERSION):
+    if metadata["schema"] in EARLIER_VERSIONS:
         tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
+    if metadata["schema"] == WITH_OTHER_DECISIONS:
         tensors = without_decisions(tensors, static)
     tensors = with_new_leaves(tensors, method, static)
     _check_tensors(tensors, expected, path)

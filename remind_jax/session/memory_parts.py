@@ -17,9 +17,9 @@ import numpy as np
 
 from remind_jax.errors import OutputError
 from remind_jax.files.tensors import SafetensorsPart, read_safetensors_parts
-from remind_jax.session.earlier_memory import EARLIER_VERSION
+from remind_jax.session.earlier_memory import EARLIER_VERSIONS
 
-SCHEMA_VERSION = 8
+SCHEMA_VERSION = 9
 FORMAT = "remind-jax memory"
 FORMAT_OF_CHANGES = "remind-jax memory, what changed"
 RESTORE = "restore the file, or start without it"
@@ -38,7 +38,7 @@ def read_parts(path: Path) -> list[SafetensorsPart]:
     if first.get("format") != FORMAT:
         raise OutputError(f"'{path}' is not a memory file of remind-jax")
     schema = first.get("schema")
-    if schema not in (str(EARLIER_VERSION), str(SCHEMA_VERSION)):
+    if schema not in (*EARLIER_VERSIONS, str(SCHEMA_VERSION)):
         raise OutputError(
             f"'{path}' has memory schema {schema!r}; this version reads schema {SCHEMA_VERSION}"
         )

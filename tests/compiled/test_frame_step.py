@@ -137,7 +137,7 @@ def test_a_method_that_is_defined_anew_is_compiled_anew():
         def decide(state, seen, **options):
             after, trace = method.decide(state, seen, **options)
             ids = after.decisions.object_id + by
-            decisions = after.decisions.replaced(object_id=ids)
+            decisions = dataclasses.replace(after.decisions, object_id=ids)
             return dataclasses.replace(after, decisions=decisions), trace
 
         tracker._memory.frame_step = FrameStep(dataclasses.replace(method, decide=decide))

@@ -102,7 +102,8 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     t = Thresholds().as_arrays(STATIC.scalar)
     state = init(STATIC)
     exists = jnp.arange(SLOTS) < num_objects
-    objects = state.objects.replaced(
+    objects = dataclasses.replace(
+        state.objects,
         id=jnp.where(exists, jnp.arange(SLOTS), -1),
         class_id=jnp.where(exists, 0, -1),
         lifecycle=jnp.full(SLOTS, lifecycle),
@@ -156,7 +157,9 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
         STATIC,
     )  # fmt: skip
     new = decisions.outcome == Outcome.NEW
-    decisions = decisions.replaced(object_id=jnp.where(new, num_objects, decisions.object_id))
+    decisions = dataclasses.replace(
+        decisions, object_id=jnp.where(new, num_objects, decisions.object_id)
+    )
     ones = jnp.ones(NUM)
     intermediates = Intermediates(
         state, Quality(ones, ones, ones, ones, ones), relations, anchors, reasoning, table,

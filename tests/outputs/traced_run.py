@@ -34,7 +34,9 @@ def _record(kind: str) -> FrameRecord:
     }[kind]
     record = decide_frame(scores, **around)
     track = np.where(record.decisions.outcome == Outcome.AMBIGUOUS, 0, -1)
-    return dataclasses.replace(record, decisions=record.decisions.replaced(pending_id=track))
+    return dataclasses.replace(
+        record, decisions=dataclasses.replace(record.decisions, pending_id=track)
+    )
 
 
 def make_traced_run(num_frames: int = 40) -> tuple[list[Frame], Result]:

@@ -103,3 +103,24 @@ def test_a_missed_tracklet_may_resume_for_some_ticks(missed, waits):
     )
     assert bool(after.alive.any()) == waits
     assert not after.alive[:3].any()  # the first rows are those of the frame
+
+
+def test_looks_less_alike_than_others_are_no_more_like_the_same():
+    scene = empty_state().scene
+    odds = linking.link_odds(jnp.linspace(-1, 1, 41)[None], scene, T.calibration)[0]
+    assert (jnp.diff(odds) >= 0).all()
+    assert odds[0] < -2.0
+    assert odds[-1] == 0.0
+
+
+def test_over_a_cut_the_fewer_go_on_the_less_one_of_them_does():
+    seen = detections([[1, 1], [4, 1], [1, 4], [4, 4]])
+    tracklets = tracklets_of(seen, 0, ROOM)
+    unlike = jnp.full((4, len(tracklets.alive)), -8.0)
+    share = [
+        float(linking.cut_odds(unlike.at[:going, 0].set(0.0), tracklets, seen))
+        for going in range(5)
+    ]
+    np.testing.assert_allclose(share, np.log([0.5 / 4.5, 1.5 / 3.5, 1, 1, 1]), atol=0.01)
+    empty = dataclasses.replace(seen, valid=jnp.zeros(4, bool))
+    assert linking.cut_odds(unlike, tracklets, empty) == 0.0

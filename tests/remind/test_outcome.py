@@ -45,7 +45,7 @@ def test_candidates_are_listed_by_falling_score_then_rising_id(x64):
 def test_more_candidates_shown_than_objects_and_fewer(x64):
     objects = init(STATIC).objects
     ids = jnp.where(jnp.arange(SLOTS) < 3, 10 + jnp.arange(SLOTS), NO_ID)
-    objects = objects.replaced(id=ids)
+    objects = dataclasses.replace(objects, id=ids)
     table = jnp.tile(jnp.array([0.1, 0.3, 0.2] + [0.0] * (SLOTS - 3)), (2, 1))
     absent = {field.name: None for field in dataclasses.fields(Comparison)}
     candidate = jnp.arange(SLOTS)[None] < jnp.array([[3], [1]])

@@ -44,7 +44,8 @@ VIEWS = np.eye(NUM, DIM, dtype=np.float32)  # detection n looks like axis n
 def _remember(state, given, static):
     t = Thresholds().as_arrays(static.scalar)
     seen = given["outcome"] != Outcome.EMPTY
-    decisions = no_decisions(static).replaced(
+    decisions = dataclasses.replace(
+        no_decisions(static),
         outcome=given["outcome"],
         option_id=given["options"],
         option_score=jnp.where(given["options"] >= 0, 0.8, 0.0),
@@ -232,7 +233,7 @@ def test_tracks_that_do_not_fit_change_nothing():
 
 def test_gated_updates_learn_from_clear_matches_only():
     """method.md#update-permit: a weak match teaches nothing, an ambiguous one a little."""
-    decisions = no_decisions(STATIC).replaced(outcome=np.array([Outcome.MATCH] * 3))
+    decisions = dataclasses.replace(no_decisions(STATIC), outcome=np.array([Outcome.MATCH] * 3))
     status = np.array([Status.STRONG, Status.AMBIGUOUS, Status.WEAK])
     stages: Any = SimpleNamespace(status_final=status)
     t = Thresholds(update=Update(gated=True, ambiguous_rate=0.25)).as_arrays(jnp.float32)

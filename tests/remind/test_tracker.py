@@ -202,7 +202,8 @@ def test_empty_frame_only_ages_the_memory(states):
     (after,) = world.run(nothing, state=before)
     assert (after.decisions.outcome == Outcome.EMPTY).all()
     assert after.frame == before.frame + 1
-    aged = before.objects.replaced(
+    aged = dataclasses.replace(
+        before.objects,
         misses=before.objects.misses + before.objects.exists,
         age=before.objects.age + before.objects.exists,
         lifecycle=after.objects.lifecycle,  # some come to rest: tested with the lifecycle
@@ -271,7 +272,8 @@ def fill_pending(state: TrackerState) -> TrackerState:
     tracks = state.pending
     free = tracks.kind == Kind.FREE
     numbers = MANY + np.arange(len(free), dtype=np.int32)
-    filled = tracks.replaced(
+    filled = dataclasses.replace(
+        tracks,
         kind=np.where(free, np.int32(Kind.AMBIGUOUS), tracks.kind),
         id=np.where(free, numbers, tracks.id),
         class_id=np.where(free, np.int32(MANY), tracks.class_id),

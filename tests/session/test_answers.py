@@ -41,7 +41,8 @@ def test_undecided_detections_name_their_options_and_others_the_nearest():
     outcome[:2] = Outcome.MATCH, Outcome.AMBIGUOUS
     candidate_id[:2] = [[7, 8], [8, 7]]
     option_id[1], option_score[1] = [5, 7, -1], [0.5, 0.25, 0.0]
-    decisions = decisions.replaced(
+    decisions = dataclasses.replace(
+        decisions,
         outcome=outcome,
         option_id=option_id,
         option_score=option_score,

@@ -176,7 +176,8 @@ def _decide(
     score = jnp.where(is_match, match_score, 0.0).astype(static.scalar)
     eligible = shown_id != NO_ID
     blank = no_decisions(static)
-    return blank.replaced(
+    return dataclasses.replace(
+        blank,
         outcome=choose(
             [Outcome.EMPTY, Outcome.MATCH, Outcome.NEW, Outcome.DROPPED, Outcome.UNASSIGNED]
         ),

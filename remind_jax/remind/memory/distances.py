@@ -17,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.columns import Column, Table, columns
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.reductions import reduce_together
@@ -54,21 +53,14 @@ class PendingRelations:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Edges(Table):
+class Edges:
     """What objects know of single others; means run over episodes (method.md#distance-evidence)."""
 
-    counts: Int[Array, "... 5"]
-    means: Float[Array, "... 3"]
-
-    gap_count = Column("counts")  # episodes with a gap
-    gap_mean = Column("means")
-    center_mean = Column("means")
-    support_mean = Column("means")
-
-    @property
-    def contact_count(self) -> Int[Array, "... 4"]:
-        """Episodes per Contact."""
-        return self.counts[..., 1:]
+    gap_count: Int[Array, "..."]  # episodes with a gap
+    contact_count: Int[Array, "... 4"]  # episodes per Contact
+    gap_mean: Float[Array, "..."]
+    center_mean: Float[Array, "..."]
+    support_mean: Float[Array, "..."]
 
     @property
     def count(self) -> Int[Array, "..."]:
@@ -103,7 +95,11 @@ def empty_distances(
             count=zeros(square, np.int32),
         ),
         edges=Edges(
-            counts=zeros((*square, 1 + len(Contact)), np.int32), means=zeros((*square, 3), scalar)
+            gap_count=zeros(square, np.int32),
+            contact_count=zeros((*square, len(Contact)), np.int32),
+            gap_mean=zeros(square, scalar),
+            center_mean=zeros(square, scalar),
+            support_mean=zeros(square, scalar),
         ),
         nearer=zeros(cube, np.int32),
         margin=zeros(cube, scalar),
@@ -231,18 +227,23 @@ def _median(values: Float[Array, "... K"], live: Bool[Array, "... K"]) -> Float[
 
 def _learn_edges(edges: Edges, episode: _Episode, takes_part: Bool[Array, "N O"]) -> Edges:
     """Moves the running means by one episode (method.md#distance-episodes)."""
-    scalar = edges.means.dtype
+    scalar = edges.gap_mean.dtype
     with_gap = takes_part & episode.has_gap
-    # Columns of `counts`: the gap, then the contacts; of `means`: gap, center and support.
-    contact = episode.contact[..., None] == np.arange(-1, len(Contact))
-    is_gap = np.arange(1 + len(Contact)) == Edges.gap_count.index
-    grows = takes_part[..., None] & jnp.where(is_gap, episode.has_gap[..., None], contact)
-    counts = edges.counts + grows
-    when = columns(with_gap, takes_part, takes_part)
-    number = columns(edges.gap_count + with_gap, *2 * [edges.count + takes_part])
-    value = columns(episode.gap, episode.center_distance, jnp.clip(episode.support, 0.0, 1.0))
-    step = (value.astype(scalar) - edges.means) / jnp.maximum(1, number).astype(scalar)
-    return Edges(counts, jnp.where(when, edges.means + step, edges.means))
+    gap_count, count = edges.gap_count + with_gap, edges.count + takes_part
+    contact = episode.contact[..., None] == np.arange(len(Contact))
+
+    def move(mean: Array, value: Array, number: Array, when: Array) -> Array:
+        step = (value.astype(scalar) - mean) / jnp.maximum(1, number).astype(scalar)
+        return jnp.where(when, mean + step, mean)
+
+    support = jnp.clip(episode.support, 0.0, 1.0)
+    return Edges(
+        gap_count=gap_count,
+        contact_count=edges.contact_count + (takes_part[..., None] & contact),
+        gap_mean=move(edges.gap_mean, episode.gap, gap_count, with_gap),
+        center_mean=move(edges.center_mean, episode.center_distance, count, takes_part),
+        support_mean=move(edges.support_mean, support, count, takes_part),
+    )
 
 
 def _learn_order(

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.numerics.columns import Column, Table
 from remind_jax.numerics.ranks import count_before
 from remind_jax.remind.memory.writing import find_writers, write_column
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
@@ -27,18 +26,16 @@ class Lifecycle(enum.IntEnum):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Objects(Table):
+class Objects:
     """One row per remembered object."""
 
-    wholes: Int[Array, "O 7"]
-
-    id = Column("wholes")  # -1 in free slots
-    class_id = Column("wholes")
-    lifecycle = Column("wholes")  # Lifecycle
-    hits = Column("wholes")  # frames in which it was seen
-    misses = Column("wholes")  # frames since it was last seen
-    age = Column("wholes")  # frames since it was created, the first included
-    last_seen = Column("wholes")  # frame
+    id: Int[Array, "O"]  # -1 in free slots
+    class_id: Int[Array, "O"]
+    lifecycle: Int[Array, "O"]  # Lifecycle
+    hits: Int[Array, "O"]  # frames in which it was seen
+    misses: Int[Array, "O"]  # frames since it was last seen
+    age: Int[Array, "O"]  # frames since it was created, the first included
+    last_seen: Int[Array, "O"]  # frame
 
     @property
     def exists(self) -> Bool[Array, "O"]:
@@ -80,7 +77,7 @@ def add_objects(
     slots = objects.id.shape[0]
     slot = jnp.where(born, jnp.sum(objects.exists, dtype=jnp.int32) + rank, slots)
     nothing = jnp.zeros_like(own_id)
-    begun = Objects.of(
+    begun = Objects(
         id=own_id,
         class_id=class_id,
         lifecycle=nothing + Lifecycle.NEW,
@@ -89,8 +86,8 @@ def add_objects(
         age=nothing,
         last_seen=nothing,
     )
-    added = Objects(write_column(objects.wholes, find_writers(slot, slots), begun.wholes))
-    return added, slot
+    writers = find_writers(slot, slots)
+    return jax.tree.map(lambda old, new: write_column(old, writers, new), objects, begun), slot
 
 
 def mark_seen(
@@ -105,7 +102,8 @@ def mark_seen(
     fresh = objects.lifecycle <= Lifecycle.TENTATIVE
     waits = fresh & (hits < rules.confirm_hits)
     lifecycle = jnp.where(waits, Lifecycle.TENTATIVE, Lifecycle.CONFIRMED)
-    return objects.replaced(
+    return dataclasses.replace(
+        objects,
         lifecycle=jnp.where(seen, lifecycle, objects.lifecycle),
         hits=hits,
         misses=jnp.where(seen, 0, objects.misses),
@@ -136,5 +134,5 @@ def mark_missed(
     forgotten = (young & too_long(rules.max_misses_tentative)) | (
         inactive & too_long(rules.max_misses_inactive)
     )
-    counted = objects.replaced(lifecycle=lifecycle, misses=misses, age=objects.age + missed)
-    return counted, forgotten
+    age = objects.age + missed
+    return dataclasses.replace(objects, lifecycle=lifecycle, misses=misses, age=age), forgotten

@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import NUM_OPTIONS
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
-from remind_jax.numerics.columns import Column, Table
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.ranks import count_before
@@ -38,17 +37,18 @@ class Kind(enum.IntEnum):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Items(Table):
+class Items:
     """Undecided detections of a frame, as rows of `PendingTracks`."""
 
-    wholes: Int[Array, "N 8"]
-    reals: Float[Array, "N 6"]
-
-    kind = Column("wholes")  # Kind, FREE for decided detections
-    class_id = Column("wholes")
-    from_parent = Column("wholes", truth=True)  # provisional: probably a known object
-    id = Column("wholes")  # of the track, -1 in free slots
-    hits = Column("wholes")
+    kind: Int[Array, "N"]  # Kind, FREE for decided detections
+    class_id: Int[Array, "N"]
+    from_parent: Bool[Array, "N"]  # provisional: probably a known object
+    id: Int[Array, "N"]  # of the track, -1 in free slots
+    hits: Int[Array, "N"]
+    known_id: Int[Array, "N K"]  # objects that it could be, or that support it; -1 padding
+    known_score: Float[Array, "N K"]
+    center: Float[Array, "N 2"]  # of the last detection, pixels
+    area: Float[Array, "N"]  # pixels
 
     @classmethod
     def begun(
@@ -61,36 +61,16 @@ class Items(Table):
         **columns: Array,
     ) -> Items:
         """Detections that are in no track yet; the other columns by name."""
-        num, _ = known_id.shape
-        own = cls.columns_of(**columns, id=full(num, NO_ID, np.int32), hits=zeros(num, np.int32))[
-            "wholes"
-        ]
-        scalar = known_score.dtype
-        places = center.astype(scalar), area.astype(scalar)[:, None]
+        (num, _), scalar = known_id.shape, known_score.dtype
         return cls(
-            jnp.concatenate([own, known_id], axis=1),
-            jnp.concatenate([known_score, *places], axis=1),
+            id=full(num, NO_ID, np.int32),
+            hits=zeros(num, np.int32),
+            known_id=known_id,
+            known_score=known_score,
+            center=center.astype(scalar),
+            area=area.astype(scalar),
+            **columns,
         )
-
-    @property
-    def known_id(self) -> Int[Array, "N K"]:
-        """Objects that it could be, or that support it; -1 padding."""
-        return self.wholes[:, -NUM_OPTIONS:]
-
-    @property
-    def known_score(self) -> Float[Array, "N K"]:
-        """Their scores."""
-        return self.reals[:, :NUM_OPTIONS]
-
-    @property
-    def center(self) -> Float[Array, "N 2"]:
-        """Of the last detection, pixels."""
-        return self.reals[:, NUM_OPTIONS : NUM_OPTIONS + 2]
-
-    @property
-    def area(self) -> Float[Array, "N"]:
-        """Pixels."""
-        return self.reals[:, -1]
 
 
 @jax.tree_util.register_dataclass
@@ -101,18 +81,23 @@ class PendingTracks(Items):
     next_id: Int[Array, "2"]  # next ambiguous and next provisional id
 
 
-# What a free slot forgets of its track: kind, class, id and the named objects.
-_FORGETS = np.array([True, True, False, True, False, *NUM_OPTIONS * [True]])
-_FREE = np.array([Kind.FREE, NO_ID, 0, NO_ID, 0, *NUM_OPTIONS * [NO_ID]], np.int32)
-# What a track has of its own: id and hits.
-_OWN = np.array([False, False, False, True, True, *NUM_OPTIONS * [False]])
+# What a free slot forgets of its track.
+_FREE = {"kind": Kind.FREE, "class_id": NO_ID, "id": NO_ID, "known_id": NO_ID}
+_OWN = ("id", "hits")  # columns that a track keeps when a detection joins it
 
 
 def no_pending(slots: int, scalar: jnp.dtype) -> PendingTracks:
     """A pool without tracks."""
     return PendingTracks(
-        wholes=full((slots, len(_FREE)), _FREE.tolist(), np.int32),
-        reals=zeros((slots, NUM_OPTIONS + 3), scalar),
+        kind=full(slots, Kind.FREE, np.int32),
+        class_id=full(slots, NO_ID, np.int32),
+        from_parent=zeros(slots, np.bool_),
+        id=full(slots, NO_ID, np.int32),
+        hits=zeros(slots, np.int32),
+        known_id=full((slots, NUM_OPTIONS), NO_ID, np.int32),
+        known_score=zeros((slots, NUM_OPTIONS), scalar),
+        center=zeros((slots, 2), scalar),
+        area=zeros(slots, scalar),
         next_id=zeros(2, np.int32),
     )
 
@@ -275,19 +260,25 @@ def write_tracks(
     new_id = jnp.sum(jnp.where(born, tracks.next_id[:, None] + count_before(born), 0), axis=0)
 
     writers = find_writers(slot, slots)
-    written = writers.written[:, None]
-    renewed = written & fresh[writers.detection][:, None]
-    begun = items.replaced(id=new_id, hits=jnp.ones_like(new_id)).wholes[writers.detection]
-    wholes = jnp.where(renewed | (written & ~_OWN), begun, tracks.wholes)
-    is_hits = np.arange(len(_FREE)) == PendingTracks.hits.index
-    return PendingTracks(
-        wholes=wholes + (written & is_hits),
-        reals=write_column(tracks.reals, writers, items.reals),
-        next_id=tracks.next_id + jnp.sum(born, axis=1, dtype=jnp.int32),
-    )
+    begins = dataclasses.replace(writers, written=writers.written & fresh[writers.detection])
+    begun = dataclasses.replace(items, id=new_id, hits=jnp.ones_like(new_id))
+    columns = {
+        field.name: write_column(
+            getattr(tracks, field.name),
+            begins if field.name in _OWN else writers,
+            getattr(begun, field.name),
+        )
+        for field in dataclasses.fields(Items)
+    }
+    columns["hits"] += writers.written
+    return PendingTracks(**columns, next_id=tracks.next_id + jnp.sum(born, axis=1, dtype=jnp.int32))
 
 
 def end_tracks(tracks: PendingTracks, ended: Bool[Array, "P"]) -> PendingTracks:
     """Frees the slots of tracks."""
-    wholes = jnp.where(ended[:, None] & _FORGETS, _FREE, tracks.wholes)
-    return dataclasses.replace(tracks, wholes=wholes)
+
+    def free(name: str, nothing: int) -> Array:
+        column = getattr(tracks, name)
+        return jnp.where(ended.reshape(-1, *(1,) * (column.ndim - 1)), nothing, column)
+
+    return dataclasses.replace(tracks, **{name: free(name, one) for name, one in _FREE.items()})

@@ -149,7 +149,7 @@ def test_a_second_claim_is_given_up_in_words():
         "option_id": np.array([[-1, -1, -1], [0, 1, -1]]),
         "option_score": np.array([[0, 0, 0], [0.60, 0.92, 0]]),
     }
-    record = dataclasses.replace(record, decisions=d.replaced(**changes))
+    record = dataclasses.replace(record, decisions=dataclasses.replace(d, **changes))
     assert chain(record, 1)[-2:] == [
         "Its match was given up for another detection with a better score: mug 0 (0.60) and "
         "mug 1 (0.92).",

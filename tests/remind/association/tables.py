@@ -171,7 +171,8 @@ def decide_frames(frames: Sequence[Frame], thresholds: Sequence[Thresholds] = ()
 def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
     t, state = thresholds.as_arrays(STATIC.scalar), init(STATIC)
     exists = frame.object_class >= 0
-    objects = state.objects.replaced(
+    objects = dataclasses.replace(
+        state.objects,
         id=jnp.where(exists, jnp.arange(SLOTS, dtype=jnp.int32), -1),
         class_id=frame.object_class,
         lifecycle=frame.lifecycle,

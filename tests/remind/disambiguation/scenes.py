@@ -87,13 +87,11 @@ def load_scenes(precision: str = "float64") -> Scene:
         ),
         graph_of(
             Edges(
-                counts=np.concatenate(
-                    [read("evidence.gap_n")[..., None], read("evidence.contact")], axis=-1
-                ),
-                means=np.stack(
-                    [read(f"evidence.{name}_mean") for name in ("gap", "centre", "support")],
-                    axis=-1,
-                ),
+                gap_count=read("evidence.gap_n"),
+                contact_count=read("evidence.contact"),
+                gap_mean=read("evidence.gap_mean"),
+                center_mean=read("evidence.centre_mean"),
+                support_mean=read("evidence.support_mean"),
             ),
             nearer,
             unfold(mean, squares_sum),

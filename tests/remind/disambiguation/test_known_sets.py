@@ -176,11 +176,13 @@ def chairs_and_lamp(chair_scores):
         return table
 
     apart = Contact.SEPARATE
-    gap, contact = 0, 1 + apart  # columns of the counts
-    counts = {(a, 2, column): 3 for a in (0, 1) for column in (gap, contact)}
+    nothing = put(square, {})
     edges = Edges(
-        counts=put((*square, 5), counts, np.int32),
-        means=put((*square, 3), {(0, 2, gap): 3.033333, (1, 2, gap): 1.010708}),
+        gap_count=put(square, {(0, 2): 3, (1, 2): 3}, np.int32),
+        contact_count=put((*square, 4), {(0, 2, apart): 3, (1, 2, apart): 3}, np.int32),
+        gap_mean=put(square, {(0, 2): 3.033333, (1, 2): 1.010708}),
+        center_mean=nothing,
+        support_mean=nothing,
     )
     nearer = put(cube, {(2, 1, 0): 3}, np.int32)
     margin = put(cube, {(2, 0, 1): 2.022625, (2, 1, 0): 2 * 0.002598**2})

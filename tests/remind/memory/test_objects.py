@@ -124,7 +124,8 @@ def test_only_the_named_objects_change():
 )
 def test_limits_of_absence(state, misses, expected, forgotten):
     t = rules(max_misses_tentative=2, max_misses_confirmed=4, max_misses_inactive=6)
-    objects = born(0)[0].replaced(
+    objects = dataclasses.replace(
+        born(0)[0],
         lifecycle=jnp.full(4, Lifecycle[state], jnp.int32),
         misses=jnp.full(4, misses - 1, jnp.int32),
     )
@@ -136,7 +137,8 @@ def test_limits_of_absence(state, misses, expected, forgotten):
 def test_no_limit_is_zero():
     t = rules(max_misses_tentative=0, max_misses_confirmed=0, max_misses_inactive=0)
     for state in Lifecycle:
-        objects = born(0)[0].replaced(
+        objects = dataclasses.replace(
+            born(0)[0],
             lifecycle=jnp.full(4, state, jnp.int32),
             misses=jnp.full(4, 999, jnp.int32),
         )

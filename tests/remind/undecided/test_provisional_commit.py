@@ -22,7 +22,7 @@ def objects_of(*ids, class_id=0) -> Objects:
     column[: len(ids)] = ids
     zero = jnp.zeros(SLOTS, jnp.int32)
     kind = jnp.where(jnp.asarray(column) != NO_ID, class_id, NO_ID)
-    return Objects(jnp.stack([jnp.asarray(column), kind, zero, zero, zero, zero, zero], axis=1))
+    return Objects(jnp.asarray(column), kind, zero, zero, zero, zero, zero)
 
 
 def test_ids_are_reserved_by_rising_parent_behind_all_other_births():
