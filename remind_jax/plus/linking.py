@@ -271,10 +271,11 @@ def advance_tracklets(
 
 
 def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> Float[Array, "N T"]:
-    """Cosines of whitened looks."""
+    """Cosines of whitened looks; what says nothing where a look is the mean of all."""
     white = whiten(scene, jnp.concatenate([sightings.look, tracklets.look]))
-    num = len(sightings.look)
-    return dot(white[:num], white[num:])
+    num, has_direction = len(sightings.look), jnp.any(white != 0.0, axis=1)
+    known = has_direction[:num, None] & has_direction[num:]
+    return jnp.where(known, dot(white[:num], white[num:]), LOOK_MIDDLE)
 
 
 def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:
