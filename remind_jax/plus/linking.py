@@ -46,7 +46,7 @@ SIZE_LOSS = 0.5  # per log ratio of sizes, log odds
 # Looks that contradict.
 UNLIKE = 1.5  # most loss where the image motion is believed, log odds
 ASSUMED_LINKS = 10.0  # samples that what is assumed of looks in two frames counts for
-CUT_SHARE = 0.5  # detections that are assumed to go on over a cut, and not to
+CUT_SHARE = 0.5  # detections assumed of both kinds: those that go on over a cut, and the others
 TAILS = 3.0  # degrees of freedom of what looks of one object differ by
 
 

@@ -12,7 +12,7 @@ from remind_jax.method import Method, named_leaves
 from remind_jax.static import Static
 
 EARLIER_VERSIONS = ("7", "8")  # of the schema, which are read as well
-WITH_OTHER_DECISIONS = "7"
+WITH_OTHER_DECISIONS = "7"  # whose decisions of the last frame are read as none
 
 Columns = Mapping[str, tuple[int, tuple[str, ...]]]  # as `method.Host.columns`
 
