@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import msgspec
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import save, save_file
@@ -23,6 +24,7 @@ from remind_jax.files.records import check, decode_json
 from remind_jax.files.tensors import SafetensorsPart
 from remind_jax.method import PAPER_METHOD, AtRest, Method, get_method, named_leaves
 from remind_jax.numerics.array_faults import not_finite
+from remind_jax.session import filed_records
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
 from remind_jax.session.earlier_memory import (
     EARLIER_VERSIONS,
@@ -31,6 +33,7 @@ from remind_jax.session.earlier_memory import (
     with_new_leaves,
     without_decisions,
 )
+from remind_jax.session.filed_records import FiledRecords
 from remind_jax.session.memory_faults import find_fault
 from remind_jax.session.memory_parts import (
     FORMAT,
@@ -41,7 +44,7 @@ from remind_jax.session.memory_parts import (
     read_parts,
 )
 from remind_jax.session.object_pictures import MAX_FILE_BYTES
-from remind_jax.session.object_records import FiledRecords, ObjectRecords
+from remind_jax.session.object_records import ObjectRecords
 from remind_jax.static import Static
 
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
@@ -155,7 +158,7 @@ def _describe(
         resting = memory.at_rest.tensors(None if before is None else before.at_rest)
         leaves |= {f"{_AT_REST}{name}": leaf for name, leaf in resting.items()}
     known = None if before is None else before.records
-    records, leaves[_PICTURES] = memory.records.to_file(memory.object_ids(), known)
+    records, leaves[_PICTURES] = filed_records.to_file(memory.records, memory.object_ids(), known)
     header = {
         "format": FORMAT if before is None else FORMAT_OF_CHANGES,
         "schema": str(SCHEMA_VERSION),
@@ -163,7 +166,7 @@ def _describe(
         "class_names": json.dumps(memory.class_names),
         "backbone": memory.backbone,
         "tracker": memory.tracker,
-        "records": json.dumps(records),
+        "records": msgspec.json.encode(records).decode(),
     }
     if before is not None:
         header["after"] = before.sha256
@@ -205,7 +208,7 @@ def load_memory(path: str | Path) -> SavedMemory:
     if fault is not None:
         raise OutputError(f"'{path}' is damaged: {fault}; {RESTORE}")
     try:
-        records = ObjectRecords.from_file(
+        records = filed_records.from_file(
             [(_read_description(one.metadata, path)[3], _pictures(one, path)) for one in parts]
         )
     except SourceError as error:

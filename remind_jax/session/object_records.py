@@ -8,28 +8,20 @@ again. Ids are those of the answers, as announced.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Annotated, Any
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
-import msgspec
 import numpy as np
 from jaxtyping import UInt8
-from msgspec import Meta
 
-from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import SourceError, on_one_line
 from remind_jax.files.limits import MAX_LABEL
-from remind_jax.files.records import Count, Label, Positive, Small
 from remind_jax.formats.firm import firm_rows
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
-from remind_jax.session.announcement import rename_candidates
+from remind_jax.session.announcement import as_merged
 from remind_jax.session.object_pictures import (
-    MAX_FILE_BYTES,
-    MAX_PICTURES,
-    Picture,
     Pictures,
     best_of,
-    fit_into,
 )
 from remind_jax.tracks import Tracks, title_of
 
@@ -67,7 +59,7 @@ class RememberedObject:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Record:
+class ObjectRecord:
     """One object by itself."""
 
     label: str
@@ -81,11 +73,11 @@ class _Record:
         """Frames in a session that is the newest."""
         return self.num_now if self.last.session == session else 0
 
-    def joined(self, other: _Record) -> _Record:
+    def joined(self, other: ObjectRecord) -> ObjectRecord:
         """The two as one."""
         earlier = best_of((*self.pictures.best, *other.pictures.best))
         last = max(self.last, other.last)
-        return _Record(
+        return ObjectRecord(
             label=self.label,
             num_frames=self.num_frames + other.num_frames,
             first=min(self.first, other.first),
@@ -93,32 +85,6 @@ class _Record:
             pictures=Pictures(earlier),
             num_now=self.frames_in(last.session) + other.frames_in(last.session),
         )
-
-
-class _Row(msgspec.Struct, frozen=True):
-    """A record in a file."""
-
-    id: Count
-    label: Label
-    frames: Positive
-    first: tuple[Positive, Small]
-    last: tuple[Positive, Small]
-    pictures: Annotated[
-        list[tuple[Annotated[float, Meta(ge=0.0, le=1e9)], Positive]],
-        Meta(max_length=MAX_PICTURES),
-    ]  # quality and bytes of each
-    visit: tuple[Count, Annotated[int, Meta(ge=-1, lt=MAX_PICTURES)]]  # its frames, its picture
-    now: Count = 0  # frames in the session of the last sight
-
-
-class FiledRecords(msgspec.Struct, frozen=True):
-    """What `ObjectRecords.to_json` makes."""
-
-    session: Positive
-    objects: Annotated[list[_Row], Meta(max_length=1_000_000)]
-    names: Annotated[list[tuple[Count, Label]], Meta(max_length=1_000_000)]
-    merged: Annotated[list[tuple[Count, Count]], Meta(max_length=1_000_000)]  # gone, kept
-    gone: Annotated[list[Count], Meta(max_length=1_000_000)] = []  # objects of the parts before
 
 
 class ObjectRecords:
@@ -130,12 +96,12 @@ class ObjectRecords:
       merged_into: What people declared to be another object, and which.
     """
 
-    def __init__(self) -> None:
-        """Starts without objects, in the first session."""
-        self.session = 1
+    def __init__(self, session: int = 1, records: Mapping[int, ObjectRecord] | None = None) -> None:
+        """Starts in a session, the first one without objects if nothing is said."""
+        self.session = session
         self.names: Mapping[int, str] = {}
         self.merged_into: Mapping[int, int] = {}
-        self._records: dict[int, _Record] = {}
+        self._records = dict(records or {})
 
     def note(self, tracks: Tracks, image: UInt8[np.ndarray, "H W 3"] | None) -> None:
         """Takes the answers about a frame, as announced.
@@ -149,7 +115,7 @@ class ObjectRecords:
             object_id = int(tracks.object_id[row])
             record = self._records.get(object_id)
             if record is None:
-                record = _Record(tracks.labels[row], 0, now, now, Pictures())
+                record = ObjectRecord(tracks.labels[row], 0, now, now, Pictures())
             pictures = record.pictures
             away = now.frame - record.last.frame - 1
             if record.last.session != now.session or away >= MIN_ABSENCE_FRAMES:
@@ -209,7 +175,7 @@ class ObjectRecords:
     def answer(self, tracks: Tracks) -> Tracks:
         """The answers by names and by what was declared to be one; no id is given twice for it."""
         if self.merged_into:
-            tracks = _as_merged(tracks, self.merged_into)
+            tracks = as_merged(tracks, self.merged_into)
         return dataclasses.replace(tracks, names=self.names) if self.names else tracks
 
     def objects(self, ids: Collection[int] | None = None) -> tuple[RememberedObject, ...]:
@@ -388,86 +354,9 @@ class ObjectRecords:
         """Before the first frame of another session."""
         self.session += 1
 
-    def kept(self, ids: Collection[int]) -> Mapping[int, _Record]:
+    def kept(self, ids: Collection[int]) -> Mapping[int, ObjectRecord]:
         """The records that a memory file keeps, for `to_file`; they are replaced, never changed."""
         return {one: self._records[one] for one in sorted(self._records) if one in ids}
-
-    def to_file(
-        self, ids: Collection[int], since: Mapping[int, _Record] | None = None
-    ) -> tuple[dict[str, Any], UInt8[np.ndarray, "B"]]:
-        """What a memory file keeps, as `json` can write it, and the bytes of all pictures.
-
-        Args:
-          ids: Of objects that memory still has.
-          since: Records that the file has already, as `kept` gave them; nothing if left out.
-        """
-        all_kept, before = self.kept(ids), since or {}
-        kept = {one: new for one, new in all_kept.items() if before.get(one) is not new}
-        recent = sorted(kept, key=lambda one: (kept[one].last, one), reverse=True)
-        fitting = dict(
-            zip(
-                recent,
-                fit_into(MAX_FILE_BYTES, [kept[one].pictures.best for one in recent]),
-                strict=True,
-            )
-        )
-        rows = [
-            {
-                "id": one,
-                "label": record.label,
-                "frames": record.num_frames,
-                "first": dataclasses.astuple(record.first),
-                "last": dataclasses.astuple(record.last),
-                "pictures": [(picture.quality, len(picture.jpeg)) for picture in fitting[one]],
-                "visit": (record.pictures.num_frames, record.pictures.place_of_now(fitting[one])),
-                "now": record.num_now,
-            }
-            for one, record in kept.items()
-        ]
-        merged = {
-            gone: target
-            for gone, target in self.merged_into.items()
-            if gone in all_kept and target in all_kept
-        }
-        content = {
-            "session": self.session,
-            "objects": rows,
-            "names": [[one, name] for one, name in self.names.items() if one in all_kept],
-            "merged": [list(pair) for pair in merged.items()],
-        }
-        if gone := sorted(before.keys() - all_kept.keys()):
-            content["gone"] = gone
-        data = b"".join(picture.jpeg for one in kept for picture in fitting[one])
-        return content, np.frombuffer(data, np.uint8)
-
-    @classmethod
-    def from_file(
-        cls, parts: Sequence[tuple[FiledRecords, UInt8[np.ndarray, "_"]]]
-    ) -> ObjectRecords:
-        """Reads back what `to_file` made: of everything first, then of what changed each time.
-
-        Raises:
-          SourceError: If its parts contradict each other; a phrase says how.
-        """
-        records = cls()
-        for filed, data in parts:
-            for one in filed.gone:
-                records._records.pop(one, None)
-            records._records |= _read_rows(filed, data.tobytes())
-        last = parts[-1][0]
-        records.session = last.session
-        records._take_in(last.names, last.merged)
-        return records
-
-    def _take_in(self, names: Sequence[tuple[int, str]], merged: Sequence[tuple[int, int]]) -> None:
-        """Names and merges of a file, one by one as if people said so now."""
-        try:
-            for gone, kept in merged:
-                self.merge(kept, [gone])
-            for object_id, name in names:
-                self.rename(object_id, name)
-        except SourceError as error:
-            raise SourceError(f"its names and merges do not fit: {error}") from error
 
     def _tell(self, object_id: int) -> RememberedObject:
         members = self.members(object_id)
@@ -484,60 +373,3 @@ class ObjectRecords:
             merged=members[1:],
             pictures=tuple(picture.jpeg for picture in record.pictures.best),
         )
-
-
-def _read_rows(filed: FiledRecords, pictures: bytes) -> dict[int, _Record]:
-    """Records by id, with their pictures out of all that lie one after another."""
-    found: dict[int, _Record] = {}
-    start = 0
-    for row in filed.objects:
-        views = []
-        for quality, length in row.pictures:
-            jpeg = pictures[start : start + length]
-            if len(jpeg) != length or not jpeg.startswith(_JPEG_START):
-                raise SourceError(f"a picture of object {row.id} is no JPEG")
-            views.append(Picture(quality, jpeg))
-            start += length
-        if row.id in found:
-            raise SourceError(f"object {row.id} has two records")
-        first, last = Sight(*row.first), Sight(*row.last)
-        if not first <= last or last.session > filed.session:
-            raise SourceError(f"object {row.id} was first seen after it was last seen")
-        num_frames, place = row.visit
-        now = views.pop(place) if 0 <= place < len(views) else None
-        known = Pictures(best_of(views), now, num_frames)
-        found[row.id] = _Record(row.label, row.frames, first, last, known, row.now)
-    if start != len(pictures):
-        raise SourceError(f"{len(pictures) - start} bytes of pictures belong to no object")
-    return found
-
-
-def _as_merged(tracks: Tracks, merged_into: Mapping[int, int]) -> Tracks:
-    """The answers with merged objects under one id.
-
-    Where two of them are in one frame, the better match has the id, the other is undecided.
-    """
-    given = tracks.object_id
-    object_id = np.array([merged_into.get(int(one), int(one)) for one in given], given.dtype)
-    outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
-    candidate_id, candidate_score = rename_candidates(tracks, lambda one: merged_into.get(one, one))
-    is_one = np.sum(candidate_id != NO_ID, axis=1) == 1
-    outcome[is_one & (outcome == Outcome.AMBIGUOUS)] = Outcome.PROVISIONAL_PARENT
-    for shared in {int(one) for one in object_id if one != NO_ID}:
-        rows = np.flatnonzero(object_id == shared)
-        best = rows[np.argmax(tracks.score[rows])]
-        lost = rows[given[rows] != given[best]]
-        object_id[lost] = NO_ID
-        outcome[lost], reason[lost] = Outcome.AMBIGUOUS, Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH
-        if candidate_id.shape[1]:
-            candidate_id[lost, 0], candidate_id[lost, 1:] = shared, NO_ID
-            candidate_score[lost, 0] = tracks.score[lost]
-            candidate_score[lost, 1:] = 0.0
-    return dataclasses.replace(
-        tracks,
-        object_id=object_id,
-        outcome=outcome,
-        reason=reason,
-        candidate_id=candidate_id,
-        candidate_score=candidate_score,
-    )

@@ -13,6 +13,7 @@ import pytest
 
 from remind_jax.errors import OutputError
 from remind_jax.plus.recall import ObjectsAtRest
+from remind_jax.session.filed_records import to_file
 from remind_jax.session.memory_file import MemoryFile, SavedMemory, load_memory, save_memory
 from remind_jax.session.object_records import ObjectRecords
 from tests.plus.test_archive import CENTER, EMPTY, STATIC, remembered
@@ -62,7 +63,7 @@ def assert_same(one: SavedMemory, other: SavedMemory) -> None:
     assert other.at_rest is not None
     chex.assert_trees_all_equal(*(_resting(memory) for memory in (one, other)), strict=True)
     assert one.at_rest.ids() == other.at_rest.ids()
-    of_each = [memory.records.to_file(memory.object_ids())[0] for memory in (one, other)]
+    of_each = [to_file(memory.records, memory.object_ids())[0] for memory in (one, other)]
     assert of_each[0] == of_each[1]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -11,10 +12,11 @@ from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError, RemindError, SourceError
 from remind_jax.files.records import decode_json
 from remind_jax.method import list_methods
+from remind_jax.session.filed_records import FiledRecords, from_file, to_file
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
 from remind_jax.session.object_pictures import Picture, Pictures, best_of, fit_into
-from remind_jax.session.object_records import FiledRecords, ObjectRecords, Sight
+from remind_jax.session.object_records import ObjectRecords, Sight
 from remind_jax.tracks import Tracks
 from tests.cli import scenes
 from tests.outputs import fake_run
@@ -236,11 +238,10 @@ def test_what_people_and_tracker_found_alike_stays_one():
 def test_records_are_read_back(tracker):
     tracker.rename(0, "mug")
     tracker.merge(1, 2)
-    content, data = tracker.identities.records.to_file({0, 1, 2})
-    filed = decode_json(json.dumps(content).encode(), FiledRecords, "here")
-    again = ObjectRecords.from_file([(filed, data)])
+    filed, data = to_file(tracker.identities.records, {0, 1, 2})
+    again = from_file([(decode_json(msgspec.json.encode(filed), FiledRecords, "here"), data)])
     assert again.objects() == tracker.identities.records.objects()
-    assert again.to_file({0, 1, 2})[0] == content
+    assert to_file(again, {0, 1, 2})[0] == filed
 
 
 def test_what_people_said_of_a_lost_object_is_kept():
@@ -255,9 +256,9 @@ def test_what_people_said_of_a_lost_object_is_kept():
 
 def test_records_of_what_memory_lost_are_not_written(tracker):
     tracker.rename(2, "spoon")
-    content, _ = tracker.identities.records.to_file({0, 1})
-    assert [row["id"] for row in content["objects"]] == [0, 1]
-    assert content["names"] == []
+    filed, _ = to_file(tracker.identities.records, {0, 1})
+    assert [row.id for row in filed.objects] == [0, 1]
+    assert filed.names == []
 
 
 @pytest.mark.parametrize(
