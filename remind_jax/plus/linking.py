@@ -87,12 +87,10 @@ def link_odds(cosine: Float[Array, "N T"], scene: Scene, t: th.Calibration) -> F
     )
     mean = once / weight
     own = jnp.maximum(squares / weight - mean**2, LEAST_COSINE_VARIANCE)
-    below = jnp.minimum(cosine - mean, 0.0) ** 2 / own
-    same = -0.5 * (TAILS + 1.0) * jnp.log1p(below / TAILS) - 0.5 * jnp.log(own)
+    same = _log_density(jnp.minimum(cosine - mean, 0.0), own)
     # What is even less alike than others are is no more like the same.
-    above = jnp.maximum(cosine - usual.other, 0.0)
-    different = -0.5 * above**2 / usual.other_variance - 0.5 * jnp.log(usual.other_variance)
-    return jnp.minimum(same - different, 0.0)
+    other = _log_density(jnp.maximum(cosine - usual.other, 0.0), usual.other_variance)
+    return jnp.minimum(same - other, 0.0)
 
 
 def cut_odds(
@@ -276,6 +274,11 @@ def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> F
     num, has_direction = len(sightings.look), jnp.any(white != 0.0, axis=1)
     known = has_direction[:num, None] & has_direction[num:]
     return jnp.where(known, dot(white[:num], white[num:]), LOOK_MIDDLE)
+
+
+def _log_density(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Float[Array, "N T"]:
+    """Of Student's distribution, up to a constant."""
+    return -0.5 * (TAILS + 1.0) * jnp.log1p(offset**2 / (TAILS * variance)) - 0.5 * jnp.log(variance)
 
 
 def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:

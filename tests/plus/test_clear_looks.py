@@ -33,7 +33,7 @@ def follow(sightings, motion):
     return jax.lax.scan(one, init(STATIC), (sightings, motion))[1]
 
 
-@pytest.mark.parametrize("num_classes", [40, 8])
+@pytest.mark.parametrize("num_classes", [40, 8, 1])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_places_that_lie_alike_are_told_apart_over_cuts(num_classes, seed):
     rng = np.random.default_rng(seed)
