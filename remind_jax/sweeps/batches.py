@@ -6,6 +6,7 @@ a thread of its own. Kernels of a step are too small to be shared one by one.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import threading
 from collections.abc import Iterator, Sequence
@@ -17,8 +18,9 @@ import numpy as np
 
 from remind_jax.compiled.frame_step import settle_types
 from remind_jax.config import Config
+from remind_jax.decision import NO_ID, Outcome
 from remind_jax.method import Method, get_method
-from remind_jax.static import Static
+from remind_jax.static import GROWTH_STEP, Static
 from remind_jax.sweeps.program import (
     Answers,
     compile_follow,
@@ -27,7 +29,7 @@ from remind_jax.sweeps.program import (
     repeat,
     spread,
 )
-from remind_jax.sweeps.scene_arrays import SceneFrames
+from remind_jax.sweeps.scene_arrays import NONE, SceneFrames
 from remind_jax.sweeps.settings import Setting, stack
 
 FRAMES_AT_ONCE = 16  # frames per call of the compiled program; scenes of all lengths share it
@@ -35,6 +37,7 @@ FRAMES_AT_ONCE = 16  # frames per call of the compiled program; scenes of all le
 _MOST = {"cpu": 16}
 _COPIES = 3.0  # memories that the program holds per setting, before it is measured
 _LABELS_PER_SLOT = 2  # different ids at most, per object slot
+_FEWEST_OBJECTS_SCORED, _FRAMES_SCORED_AT_ONCE = 8, 64  # scenes of up to so many share a program
 
 
 def count_lanes() -> int:
@@ -207,26 +210,38 @@ def _parts(frames: Any) -> Iterator[Any]:
 
 
 def score_batch(scene: SceneFrames, answers: Answers, static: Static) -> list[dict[str, float]]:
-    """Scores of every setting of a batch, on the device."""
-    truth, slots = scene.truth, answers.outcome.shape[-1]
+    """Scores of every setting of a batch, on the device.
+
+    Frames and objects are filled up, so that scenes share what is compiled.
+    """
+    truth, (num_frames, num_settings, slots) = scene.truth, answers.outcome.shape
+    more_frames = -num_frames % _FRAMES_SCORED_AT_ONCE
     lacking = slots - truth.object_index.shape[1]
-    widen = lambda leaf: np.pad(leaf, ((0, 0), (0, lacking)), constant_values=-1)  # noqa: E731
-    num_labels = _LABELS_PER_SLOT * static.num_objects
+    widen = lambda leaf: np.pad(  # noqa: E731
+        leaf, ((0, more_frames), (0, lacking)), constant_values=NONE
+    )
+    more = ((0, more_frames), (0, 0), (0, 0))
+    answers = dataclasses.replace(
+        answers,
+        outcome=np.pad(answers.outcome, more, constant_values=Outcome.EMPTY),
+        object_id=np.pad(answers.object_id, more, constant_values=NO_ID),
+        score=np.pad(answers.score, more),
+    )
+    num_labels, num_objects = _LABELS_PER_SLOT * static.num_objects, _FEWEST_OBJECTS_SCORED
+    while num_objects < truth.num_objects:
+        num_objects *= GROWTH_STEP
     while True:
         scores = jax.device_get(
             compiled_score(
                 widen(truth.object_index),
                 widen(truth.class_id),
                 answers,
-                num_objects=truth.num_objects,
+                num_objects=num_objects,
                 num_labels=num_labels,
             )
         )
         if not scores["overflow"].any():
             break
-        num_labels *= 2
+        num_labels *= GROWTH_STEP
     names = [name for name in scores if name != "overflow"]
-    return [
-        {name: scores[name][index].item() for name in names}
-        for index in range(answers.outcome.shape[1])
-    ]
+    return [{name: scores[name][index].item() for name in names} for index in range(num_settings)]
