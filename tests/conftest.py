@@ -57,6 +57,13 @@ settings.register_profile("thorough", max_examples=200, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 
+def pytest_collection_modifyitems(items):
+    """A file is run by one worker, and so are files that say that they share a program."""
+    for item in items:
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.path.as_posix()))
+
+
 def pytest_collection_finish():
     """What was imported is never looked at again by the garbage collector."""
     gc.collect()

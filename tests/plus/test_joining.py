@@ -19,9 +19,11 @@ from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.static import Static
 from tests.plus.test_archive import by_id, walk
 
+pytestmark = pytest.mark.xdist_group("building")  # one program for these files
+
 DIM, SEEN = 32, 20
 STATIC = Static(num_detections=4, num_objects=16, feature_dim=DIM)
-CONFIG = {"static": {"num_detections": 16}}
+CONFIG = {"static": {"num_detections": 16, "num_objects": 64}}  # as in test_archive
 ONE_CLASS = np.zeros(1, int)
 LOOKS = np.linalg.qr(np.random.default_rng(0).normal(size=(DIM, DIM)))[0].astype(np.float32)
 

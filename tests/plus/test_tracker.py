@@ -16,8 +16,19 @@ from remind_jax.method import get_method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.plus.tracker import advance
-from tests.plus.walls import NO_TRUTH, STATIC, Walk, disguise, displace, follow, glimpse, pan, split
+from tests.plus.walls import (
+    BLOCK,
+    NO_TRUTH,
+    STATIC,
+    Walk,
+    disguise,
+    displace,
+    follow,
+    glimpse,
+    pan,
+    scan_block,
+    split,
+)
 
 
 def share_right(thing: np.ndarray, answer: np.ndarray) -> float:
@@ -191,43 +202,24 @@ def test_a_lying_image_motion_is_found_out():
     assert share_right(walk.thing, checked.answer_id) > max(0.95, believed + 0.05)
 
 
-@functools.partial(jax.jit, static_argnames="static")
-def _step(state, frame, static):
-    sightings, motion = frame
-    state, verdicts = advance(
-        state, sightings, motion, sightings.valid, static=static, thresholds=PlusThresholds()
-    )
-    return state, verdicts.answer_id, state.decisions.outcome
-
-
-def step_through(walk: Walk, state, static) -> tuple:
-    """The memory in the end, answers and outcomes; one program whatever the number of frames."""
-    told = []
-    for number in range(len(walk.thing)):
-        frame = jax.tree.map(operator.itemgetter(number), (walk.sightings, walk.motion))
-        state, *answer = _step(state, frame, static=static)
-        told.append(jax.device_get(answer))
-    return state, *map(np.stack, zip(*told, strict=True))
-
-
 def test_capacities_change_nothing_and_may_grow_at_any_frame():
     """Frames that miss things surround the cuts: their tracklets wait and resume in more room."""
     walk = pan(1, lost=0.3)
     _, expected, decisions, _ = follow(walk)
     num = STATIC.num_detections
     wide = dataclasses.replace(STATIC, num_detections=num + 1, num_objects=40)
-    _, answers, outcomes = step_through(widened(walk), init(wide), wide)
-    assert np.array_equal(answers[:, :num], expected.answer_id)
-    assert np.array_equal(outcomes[:, :num], decisions.outcome)
-    for cut in range(40, 44):
+    _, verdicts, outcomes, _ = follow(widened(walk), static=wide)
+    assert np.array_equal(verdicts.answer_id[:, :num], expected.answer_id)
+    assert np.array_equal(outcomes.outcome[:, :num], decisions.outcome)
+    for cut in range(30, 50, BLOCK):
         first, second = (
             Walk(*jax.tree.map(operator.itemgetter(p), (walk.sightings, walk.motion, walk.thing)))
             for p in (np.s_[:cut], np.s_[cut:])
         )
-        state, before, _ = step_through(first, init(STATIC), STATIC)
+        state, before, _, _ = follow(first)
         state = get_method("plus").enlarge(jax.device_get(state), wide)
-        _, after, _ = step_through(widened(second), state, wide)
-        told = np.concatenate([before, after[:, :num]])
+        _, after, _, _ = follow(widened(second), static=wide, state=state)
+        told = np.concatenate([before.answer_id, after.answer_id[:, :num]])
         assert np.array_equal(told, expected.answer_id), cut
 
 
@@ -268,11 +260,7 @@ def test_a_batch_of_walks_is_followed_like_each_of_them():
 
 
 def answers_of(pair):
-    def step(state, frame):
-        state, answer, _ = _step(state, frame, static=STATIC)
-        return state, answer
-
-    return jax.lax.scan(step, init(STATIC), pair)[1]
+    return scan_block(init(STATIC), pair, PlusThresholds(), STATIC)[1][0].answer_id
 
 
 def test_open_tracklets_are_told_as_what_they_are():
@@ -304,6 +292,7 @@ def test_an_empty_frame_is_survived():
 
 def test_the_memory_stays_in_32_bits_where_jax_computes_in_64(x64):
     walk = pan()
-    frame = jax.tree.map(operator.itemgetter(0), (walk.sightings, walk.motion))
-    state = jax.eval_shape(functools.partial(_step, static=STATIC), init(STATIC), frame)[0]
+    block = jax.tree.map(operator.itemgetter(slice(BLOCK)), (walk.sightings, walk.motion))
+    scan = functools.partial(scan_block, static=STATIC)
+    state = jax.eval_shape(scan, init(STATIC), block, PlusThresholds())[0]
     assert not [leaf.dtype for leaf in jax.tree.leaves(state) if leaf.dtype.itemsize > 4]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import operator
 
 import jax
 import numpy as np
@@ -17,6 +18,7 @@ from remind_jax.static import Static
 DIM = 6
 STATIC = Static(num_detections=6, num_objects=24, feature_dim=DIM)
 NO_TRUTH = -1
+BLOCK = 5  # frames; lengths of walks and cuts in them are multiples
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,7 +99,9 @@ def _empty(frames: int, num: int) -> dict[str, np.ndarray]:
 
 
 @functools.partial(jax.jit, static_argnames="static")
-def _scan(state, walk, thresholds, static):
+def scan_block(state, walk, thresholds, static):
+    """The memory after some frames, and verdicts, decisions and overflow of each."""
+
     def one(state, frame):
         sightings, motion = frame
         state, verdicts = advance(
@@ -114,11 +118,19 @@ def follow(
     static: Static = STATIC,
     state: PlusState | None = None,
 ):
-    """The memory in the end, and verdicts, decisions and overflow of every frame."""
+    """The memory in the end, and verdicts, decisions and overflow of every frame.
+
+    In blocks of frames, so that walks of all lengths share a program.
+    """
     state = init(static) if state is None else state
-    pairs = (walk.sightings, walk.motion)
-    after, told = _scan(state, pairs, thresholds or PlusThresholds(), static)
-    return after, *jax.device_get(told)
+    told = []
+    for first in range(0, len(walk.thing), BLOCK):
+        block = jax.tree.map(
+            operator.itemgetter(slice(first, first + BLOCK)), (walk.sightings, walk.motion)
+        )
+        state, answers = scan_block(state, block, thresholds or PlusThresholds(), static)
+        told.append(jax.device_get(answers))
+    return state, *jax.tree.map(lambda *leaves: np.concatenate(leaves), *told)
 
 
 def glimpse(walk: Walk, thing: int, shown: np.ndarray) -> Walk:

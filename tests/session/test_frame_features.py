@@ -191,6 +191,7 @@ def test_frames_that_bring_features_are_not_looked_at_again():
     assert isinstance(tracker.describe(tracker.prepare(frame)), FrameFeats)
 
 
+@pytest.mark.heavy
 def test_a_memory_of_closeups_takes_no_frames(tmp_path):
     tracker, file = closeup_tracker(), tmp_path / "memory.safetensors"
     for image, masks in frames(3):

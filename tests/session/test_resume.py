@@ -69,7 +69,13 @@ def test_a_killed_run_ends_as_if_nothing_had_happened(tmp_path, whole, num):
     assert not (tmp_path / "run" / CHECKPOINT_NAME).exists()
 
 
-@pytest.mark.parametrize("options", [{"announce_after": 3}, {"trace": True, "tracker": "plus"}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"announce_after": 3},
+        pytest.param({"trace": True, "tracker": "plus"}, marks=pytest.mark.heavy),
+    ],
+)
 def test_what_waits_and_traces_survive(tmp_path, options):
     given = {"overlay": False, **options}
     tracker = given.pop("tracker", "bank")
