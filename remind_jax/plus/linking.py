@@ -278,7 +278,9 @@ def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> F
 
 def _log_density(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Float[Array, "N T"]:
     """Of Student's distribution, up to a constant."""
-    return -0.5 * (TAILS + 1.0) * jnp.log1p(offset**2 / (TAILS * variance)) - 0.5 * jnp.log(variance)
+    return -0.5 * (TAILS + 1.0) * jnp.log1p(offset**2 / (TAILS * variance)) - 0.5 * jnp.log(
+        variance
+    )
 
 
 def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:

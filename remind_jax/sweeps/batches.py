@@ -231,14 +231,12 @@ def score_batch(scene: SceneFrames, answers: Answers, static: Static) -> list[di
     while num_objects < truth.num_objects:
         num_objects *= GROWTH_STEP
     while True:
-        scores = jax.device_get(
-            compiled_score(
-                widen(truth.object_index),
-                widen(truth.class_id),
-                answers,
-                num_objects=num_objects,
-                num_labels=num_labels,
-            )
+        scores = compiled_score(
+            widen(truth.object_index),
+            widen(truth.class_id),
+            answers,
+            num_objects=num_objects,
+            num_labels=num_labels,
         )
         if not scores["overflow"].any():
             break

@@ -33,6 +33,11 @@ from remind_jax.metrics.in_graph import GraphScores, score_labels
 from remind_jax.static import Static
 
 _AXIS = "settings"  # that devices share
+# What `score` gives; `overflow` where a setting made more ids than there are labels.
+SCORES = (
+    *("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery", "Ambiguous", "Provisional", "Firm"),
+    *("Identities", "overflow"),
+)
 
 
 @jax.tree_util.register_dataclass
@@ -47,6 +52,7 @@ class Answers:
     needed_pending: Int[Array, "T S"]
 
 
+@functools.partial(jax.jit, static_argnums=(0, 1, 2))
 def empty_memories(method: Method, static: Static, num_settings: int) -> Any:
     """One empty memory per setting, leading axis `S`."""
     empty = settle_types(method.init(static))
@@ -238,4 +244,21 @@ def _compile_kept(
     return Program(follow_leaves, program.num_bytes)
 
 
-compiled_score = jax.jit(score, static_argnames=("num_objects", "num_labels"))
+def compiled_score(
+    object_index: Int[np.ndarray, "T N"],
+    class_id: Int[np.ndarray, "T N"],
+    answers: Answers,
+    *,
+    num_objects: int,
+    num_labels: int,
+) -> dict[str, np.ndarray]:
+    """`score`, compiled once per process and kept for others."""
+    leaves, structure = jax.tree.flatten((object_index, class_id, answers))
+
+    def on_leaves(*leaves: Any) -> list[Array]:
+        given = jax.tree.unflatten(structure, leaves)
+        scores = score(*given, num_objects=num_objects, num_labels=num_labels)
+        return [scores[name] for name in SCORES]
+
+    program = get_program(Recipe("score", on_leaves, shapes_of(leaves), (num_objects, num_labels)))
+    return dict(zip(SCORES, jax.device_get(program(*leaves)), strict=True))
