@@ -15,10 +15,10 @@ demo: $(VENV)/.core  ## render a tour, track it and compare with the truth (a mi
 	$(BIN)/remind demo
 
 test: $(VENV)/.dev  ## all tests but the heavy and the slow ones
-	$(BIN)/python -m pytest -m "not heavy and not slow and not prose" -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -m "not heavy and not slow and not prose" -n 2 --dist loadfile
 
 test-heavy: $(VENV)/.dev  ## those that compile much, wait, or need a browser or processes
-	$(BIN)/python -m pytest -m "heavy and not slow" -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -m "heavy and not slow" -n 2 --dist loadfile
 
 test-slow: $(VENV)/.dev  ## the slow tests, properties with ten times as many examples, types of the tests
 	$(BIN)/pyright --pythonpath $(BIN)/python tests benchmarks

@@ -5,11 +5,9 @@ broadcasts `[N, C]` with `[C]` as NumPy does in nearly every module; casts would
 Solvers and the metrics in the graph are strict about ranks.
 """
 
-import atexit
 import gc
 import importlib.metadata
 import os
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -36,17 +34,14 @@ from remind_jax.session import growing_memory  # noqa: E402
 # The tests ask what is decided, not how fast: a third of the time to compile, the same results.
 jax.config.update("jax_disable_most_optimizations", True)
 if not jax.config.values["jax_compilation_cache_dir"]:
-    cache = Path(tempfile.gettempdir()) / "remind-jax-test-programs"
-    jax.config.update("jax_compilation_cache_dir", str(cache))
+    folder = Path(tempfile.gettempdir()) / "remind-jax-test-programs"
+    jax.config.update("jax_compilation_cache_dir", str(folder))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 jax.config.update("jax_traceback_in_locations_limit", 0)  # nobody reads where an operation is from
 # Nothing goes to the cache folder of who runs the tests; the workers of pytest-xdist, which inherit
-# the environment, share what they compile.
+# the environment, and later runs share what is compiled.
 if "PYTEST_XDIST_WORKER" not in os.environ:
-    steps = tempfile.mkdtemp(prefix="remind-jax-test-steps-")
-    atexit.register(shutil.rmtree, steps, ignore_errors=True)
-    os.environ[kept.VARIABLE] = steps
-os.environ.setdefault(kept.VARIABLE, kept.OFF)
+    os.environ[kept.VARIABLE] = os.path.join(jax.config.values["jax_compilation_cache_dir"], "kept")
 os.environ[profiles.VARIABLE] = os.devnull  # nor does a profile of theirs change a test
 MOST_MAPS = 32_000
 # A trace makes millions of small objects that live until it ends.
@@ -57,11 +52,34 @@ settings.register_profile("thorough", max_examples=200, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 
-def pytest_collection_modifyitems(items):
-    """A file is run by one worker, and so are files that say that they share a program."""
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.path.as_posix()))
+# Files whose tests run one large program: one worker compiles it.
+TOGETHER = {
+    "tests/session/test_memory_file.py": "tests/remind/test_tracker.py",
+    "tests/remind/test_trace.py": "tests/remind/test_tracker.py",
+    "tests/plus/test_joining.py": "tests/plus/test_archive.py",
+    "tests/remind/test_outcome.py": "tests/remind/association",
+}
+TOGETHER |= {
+    f"tests/remind/{name}.py": "tests/remind/association"
+    for name in (
+        *(f"association/test_{one}" for one in ("assignment", "similarity", "switches")),
+        *(f"undecided/test_{one}" for one in ("ambiguity", "competition", "provisional")),
+        *(f"undecided/test_{one}" for one in ("settlement", "stability")),
+    )
+}
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Each file to one worker, some of them to the same one."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByProgram(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return TOGETHER.get(file, file)
+
+    return ByProgram(config, log)
 
 
 def pytest_collection_finish():

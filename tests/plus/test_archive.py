@@ -16,8 +16,6 @@ from remind_jax.plus.state import UNRELATED, init
 from remind_jax.plus.whitening import whiten
 from remind_jax.static import Static
 
-pytestmark = pytest.mark.xdist_group("building")  # one program for these files
-
 STATIC = Static(num_detections=4, num_objects=32, feature_dim=6)
 EMPTY = jax.device_get(init(STATIC))
 CENTER = np.array([2.0, 1.5], np.float32)

@@ -19,8 +19,6 @@ from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.static import Static
 from tests.plus.test_archive import by_id, walk
 
-pytestmark = pytest.mark.xdist_group("building")  # one program for these files
-
 DIM, SEEN = 32, 20
 STATIC = Static(num_detections=4, num_objects=16, feature_dim=DIM)
 CONFIG = {"static": {"num_detections": 16, "num_objects": 64}}  # as in test_archive

@@ -16,8 +16,6 @@ from remind_jax.remind.stages import Lock, MatchOrigin
 from remind_jax.remind.state import init
 from tests.remind.association.tables import SLOTS, STATIC, decide_frames, empty_frame, visual_frame
 
-pytestmark = pytest.mark.xdist_group("decide_frames")  # one program for these files
-
 
 def test_padding_is_empty(x64):
     d = decide_frames([visual_frame([{0: 0.9}]), empty_frame(0, 3)]).decisions

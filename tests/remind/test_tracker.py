@@ -25,8 +25,6 @@ from remind_jax.static import Static
 from tests import tiny_world as world
 from tests.statics import change_static
 
-pytestmark = pytest.mark.xdist_group("tiny_world")  # one program for these files
-
 CLOSE = 2e-5
 SEED = 2  # a world that brings every kind of decision and fits the capacities
 NUM_SWEPT = 16  # frames

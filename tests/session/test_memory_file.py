@@ -41,8 +41,6 @@ from tests.cli import scenes
 from tests.statics import change_static
 from tests.tiny_world import STATIC
 
-pytestmark = pytest.mark.xdist_group("tiny_world")  # one program for these files
-
 NAMES = ("cup", "Stuhl", "椅子", "a, b")
 
 

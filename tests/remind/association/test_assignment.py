@@ -18,8 +18,6 @@ from remind_jax.remind.thresholds.association import Matching
 from remind_jax.solvers.assignment import assign
 from tests.remind.association.tables import NUM, SLOTS, decide_frames, visual_frame
 
-pytestmark = pytest.mark.xdist_group("decide_frames")  # one program for these files
-
 LOCK = jax.jit(lock_pairs)
 
 

@@ -30,8 +30,6 @@ from tests.remind.association.tables import decide_frames, empty_frame, visual_f
 from tests.remind.memory.small_banks import with_records
 from tests.statics import change_static, make_static
 
-pytestmark = pytest.mark.xdist_group("decide_frames")  # one program for these files
-
 STATIC = make_static(feature_dim=3)
 DENSE = (0.5 - 0.15) / (0.60 - 0.15)
 

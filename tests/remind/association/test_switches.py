@@ -21,8 +21,6 @@ from remind_jax.remind.thresholds import Thresholds
 from tests.remind.association.frozen_frames import load_expected, load_frames, load_settings
 from tests.remind.association.tables import Verdict, backed, decide_frames, visual_frame
 
-pytestmark = pytest.mark.xdist_group("decide_frames")  # one program for these files
-
 STABILITY = "association.matching.hungarian.identity_stability"
 SWITCHES = {
     "association.matching.neighbor_sets_influence.allow_status": 7,

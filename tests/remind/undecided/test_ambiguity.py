@@ -11,8 +11,6 @@ from remind_jax.decision import Outcome, Reason
 from remind_jax.remind.thresholds import Thresholds
 from tests.remind.association.tables import backed, decide_frames, visual_frame
 
-pytestmark = pytest.mark.xdist_group("decide_frames")  # one program for these files
-
 
 def options(
     row: dict[int, float], supported: tuple[int, ...] = (), **changed: Any

@@ -12,8 +12,6 @@ from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.thresholds import Thresholds
 from tests.remind.association.tables import Frame, decide_frames, visual_frame
 
-pytestmark = pytest.mark.xdist_group("decide_frames")  # one program for these files
-
 COMPETITION = Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION
 
 

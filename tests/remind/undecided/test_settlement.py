@@ -25,8 +25,6 @@ from tests.remind.association.tables import (
     visual_frame,
 )
 
-pytestmark = pytest.mark.xdist_group("decide_frames")  # one program for these files
-
 MATCH, NEW, AMBIGUOUS = Outcome.MATCH, Outcome.NEW, Outcome.AMBIGUOUS
 PARENT, PROVISIONAL = Outcome.PROVISIONAL_PARENT, Outcome.PROVISIONAL_NEW
 STABILITY = Reason.KNOWN_BUT_AMBIGUOUS_IDENTITY_STABILITY

@@ -16,8 +16,6 @@ from remind_jax.decision import Outcome, Reason
 from remind_jax.remind.thresholds import Thresholds
 from tests.remind.association.tables import Verdict, backed, decide_frames, visual_frame
 
-pytestmark = pytest.mark.xdist_group("decide_frames")  # one program for these files
-
 STABILITY = Reason.KNOWN_BUT_AMBIGUOUS_IDENTITY_STABILITY
 # Without the other guards a detection is matched, new, or doubtful.
 ALONE = {
