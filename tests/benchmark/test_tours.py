@@ -32,7 +32,7 @@ def test_twelve_tours_of_seeds_that_nobody_tunes_on():
     assert counts == dict.fromkeys(tours.AXES, 3)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_every_tour_has_room_for_its_objects():
     for options in tours.benchmark_tours():
         scene = make_scene(options)

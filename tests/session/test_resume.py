@@ -73,7 +73,7 @@ def test_a_killed_run_ends_as_if_nothing_had_happened(tmp_path, whole, num):
     "options",
     [
         {"announce_after": 3},
-        pytest.param({"trace": True, "tracker": "plus"}, marks=pytest.mark.heavy),
+        pytest.param({"trace": True, "tracker": "plus"}, marks=pytest.mark.slow),
     ],
 )
 def test_what_waits_and_traces_survive(tmp_path, options):
