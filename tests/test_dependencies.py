@@ -30,6 +30,7 @@ MODULES = {
     "mcap-protobuf-support": "mcap_protobuf",
     "opencv-python-headless": "cv2",
     "pillow": "PIL",
+    "pytest-xdist": "xdist",
     "pyyaml": "yaml",
 }
 # What is used without being imported by us: where, and by which word.
@@ -41,7 +42,6 @@ TOOLS = {
     "mkdocs-material": ("docs/site/mkdocs.yml", "material"),
     "pre-commit": (".pre-commit-config.yaml", "pre-commit"),
     "pyright": ("Makefile", "pyright"),
-    "pytest-xdist": ("Makefile", "-n 2"),
     "ruff": ("Makefile", "ruff"),
     "twine": ("Makefile", "twine check"),
 }
