@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import operator
+from typing import Any
 
 import jax
 import numpy as np
@@ -117,7 +118,7 @@ def follow(
     thresholds: PlusThresholds | None = None,
     static: Static = STATIC,
     state: PlusState | None = None,
-):
+) -> tuple[Any, Any, Any, Any]:
     """The memory in the end, and verdicts, decisions and overflow of every frame.
 
     In blocks of frames, so that walks of all lengths share a program.
