@@ -47,7 +47,7 @@ SIZE_LOSS = 0.5  # per log ratio of sizes, log odds
 UNLIKE = 1.5  # most loss where the image motion is believed, log odds
 ASSUMED_LINKS = 10.0  # samples that what is assumed of looks in two frames counts for
 CUT_SHARE = 0.5  # detections assumed of both kinds: those that go on over a cut, and the others
-TAILS = 3.0  # degrees of freedom of what looks of one object differ by
+TAILS = 3.0  # degrees of freedom of cosines, of one object and of two
 
 
 @jax.tree_util.register_dataclass
@@ -278,9 +278,8 @@ def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> F
 
 def _log_density(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Float[Array, "N T"]:
     """Of Student's distribution, up to a constant."""
-    return -0.5 * (TAILS + 1.0) * jnp.log1p(offset**2 / (TAILS * variance)) - 0.5 * jnp.log(
-        variance
-    )
+    tails = (TAILS + 1.0) * jnp.log1p(offset**2 / (TAILS * variance))
+    return -0.5 * (tails + jnp.log(variance))
 
 
 def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:

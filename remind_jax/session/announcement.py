@@ -261,34 +261,3 @@ def _name_rows(announced: Announcements, object_id: Int[np.ndarray, "N"]) -> Int
 def _rank(announced: Announcements, rank: Mapping[int, int], object_id: int) -> int:
     """When it was announced, among others."""
     return -1 if object_id < announced.known_below else rank.get(object_id, len(rank))
-
-
-def as_merged(tracks: Tracks, merged_into: Mapping[int, int]) -> Tracks:
-    """The answers with merged objects under one id.
-
-    Where two of them are in one frame, the better match has the id, the other is undecided.
-    """
-    given = tracks.object_id
-    object_id = np.array([merged_into.get(int(one), int(one)) for one in given], given.dtype)
-    outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
-    candidate_id, candidate_score = rename_candidates(tracks, lambda one: merged_into.get(one, one))
-    is_one = np.sum(candidate_id != NO_ID, axis=1) == 1
-    outcome[is_one & (outcome == Outcome.AMBIGUOUS)] = Outcome.PROVISIONAL_PARENT
-    for shared in {int(one) for one in object_id if one != NO_ID}:
-        rows = np.flatnonzero(object_id == shared)
-        best = rows[np.argmax(tracks.score[rows])]
-        lost = rows[given[rows] != given[best]]
-        object_id[lost] = NO_ID
-        outcome[lost], reason[lost] = Outcome.AMBIGUOUS, Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH
-        if candidate_id.shape[1]:
-            candidate_id[lost, 0], candidate_id[lost, 1:] = shared, NO_ID
-            candidate_score[lost, 0] = tracks.score[lost]
-            candidate_score[lost, 1:] = 0.0
-    return dataclasses.replace(
-        tracks,
-        object_id=object_id,
-        outcome=outcome,
-        reason=reason,
-        candidate_id=candidate_id,
-        candidate_score=candidate_score,
-    )

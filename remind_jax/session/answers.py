@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from remind_jax.frame import Rle
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.outputs.run_records import Event
 from remind_jax.printing.words import plural
+from remind_jax.session.announcement import rename_candidates
 from remind_jax.session.preparation import Prepared
 from remind_jax.tracks import Tracks
 
@@ -114,3 +115,34 @@ def _name_candidates(d: Decisions) -> tuple[np.ndarray, np.ndarray]:
     named = np.where(undecided, widen(d.option_id, NO_ID), widen(d.candidate_id, NO_ID))
     scores = np.where(undecided, widen(d.option_score, 0.0), widen(d.candidate_score, 0.0))
     return named, scores
+
+
+def as_merged(tracks: Tracks, merged_into: Mapping[int, int]) -> Tracks:
+    """The answers with merged objects under one id.
+
+    Where two of them are in one frame, the better match has the id, the other is undecided.
+    """
+    given = tracks.object_id
+    object_id = np.array([merged_into.get(int(one), int(one)) for one in given], given.dtype)
+    outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
+    candidate_id, candidate_score = rename_candidates(tracks, lambda one: merged_into.get(one, one))
+    is_one = np.sum(candidate_id != NO_ID, axis=1) == 1
+    outcome[is_one & (outcome == Outcome.AMBIGUOUS)] = Outcome.PROVISIONAL_PARENT
+    for shared in {int(one) for one in object_id if one != NO_ID}:
+        rows = np.flatnonzero(object_id == shared)
+        best = rows[np.argmax(tracks.score[rows])]
+        lost = rows[given[rows] != given[best]]
+        object_id[lost] = NO_ID
+        outcome[lost], reason[lost] = Outcome.AMBIGUOUS, Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH
+        if candidate_id.shape[1]:
+            candidate_id[lost, 0], candidate_id[lost, 1:] = shared, NO_ID
+            candidate_score[lost, 0] = tracks.score[lost]
+            candidate_score[lost, 1:] = 0.0
+    return dataclasses.replace(
+        tracks,
+        object_id=object_id,
+        outcome=outcome,
+        reason=reason,
+        candidate_id=candidate_id,
+        candidate_score=candidate_score,
+    )

@@ -18,7 +18,7 @@ from remind_jax.errors import SourceError, on_one_line
 from remind_jax.files.limits import MAX_LABEL
 from remind_jax.formats.firm import firm_rows
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
-from remind_jax.session.announcement import as_merged
+from remind_jax.session.answers import as_merged
 from remind_jax.session.object_pictures import (
     Pictures,
     best_of,
