@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from remind_jax.outputs.result import Result
 
 NAME = "demo"
+SCENE_NAME = "scene"  # what was rendered, in the output folder
 
 
 @quiet_defaults
@@ -30,7 +31,8 @@ NAME = "demo"
 class Demo:
     """Render a tour through two rooms, track its objects and compare with the truth.
 
-    Out of a bright room full of look-alikes, and back to them in the dark.
+    Out of a bright room full of look-alikes, and back to them in the dark. The pictures, masks and
+    classes are kept in the folder `scene`, as a sequence that every command reads.
 
     Examples:
       remind demo
@@ -56,10 +58,10 @@ class Demo:
         from remind_jax.outputs.result import COMPARISON_HEADS
         from remind_jax.outputs.store import DETECTIONS_NAME
         from remind_jax.outputs.writer import add_comparison
-        from remind_jax.synthetic import demo_options, make_scene, render
+        from remind_jax.synthetic import demo_options, make_scene, record_davis
 
-        is_earlier_run = (self.out / DETECTIONS_NAME).exists()
-        if self.out.is_dir() and any(self.out.iterdir()) and not is_earlier_run:
+        present = {path.name for path in self.out.iterdir()} if self.out.is_dir() else set()
+        if present - {SCENE_NAME} and DETECTIONS_NAME not in present:
             raise OutputError(
                 f"the output folder '{self.out}' is not empty and holds no earlier run; choose "
                 "another one with --out"
@@ -71,10 +73,10 @@ class Demo:
         result = track(
             display,
             self.out,
-            source=render(scene),
+            source=record_davis(scene, self.out / SCENE_NAME),
             config=config,
             trace=self.trace,
-            overwrite=is_earlier_run,
+            overwrite=True,
             name=NAME,
             image_fps=options.fps,
         )

@@ -1,5 +1,6 @@
 """Procedural rooms, objects and camera paths with ground truth, seeded."""
 
+from remind_jax.synthetic.davis import record_davis as record_davis
 from remind_jax.synthetic.davis import write_davis as write_davis
 from remind_jax.synthetic.options import LookalikeGroup as LookalikeGroup
 from remind_jax.synthetic.options import SceneOptions as SceneOptions

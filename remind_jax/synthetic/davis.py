@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import json
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import cv2
 import numpy as np
 
 from remind_jax.errors import OutputError
+from remind_jax.formats.pictures import TIMES_NAME, decode_image
 from remind_jax.frame import Frame
 from remind_jax.synthetic.rendering import RenderedSequence, render
 from remind_jax.synthetic.scene import Scene
@@ -36,30 +39,51 @@ def write_davis(
     """
     scene = sequence.scene if isinstance(sequence, RenderedSequence) else sequence
     frames = sequence.frames if isinstance(sequence, RenderedSequence) else render(scene)
+    for _ in _write_frames(frames, scene, Path(folder), jpeg_quality):
+        pass
+    return Path(folder)
+
+
+def record_davis(scene: Scene, folder: str | Path, jpeg_quality: int = 92) -> Iterator[Frame]:
+    """Renders a scene into a folder, as `write_davis` does, with the times of its pictures.
+
+    Yields:
+      Every frame, with its picture as whoever opens the folder reads it.
+
+    Raises:
+      OutputError: As `write_davis`.
+    """
+    times_s = []
+    for frame, picture in _write_frames(render(scene), scene, Path(folder), jpeg_quality):
+        times_s.append(frame.time_s)
+        yield dataclasses.replace(frame, image=decode_image(picture))
+    with _writing(Path(folder)):
+        text = "".join(f"{time_s!r}\n" for time_s in times_s)
+        Path(folder, "JPEGImages", scene.name, TIMES_NAME).write_text(text)
+
+
+@contextlib.contextmanager
+def _writing(root: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"cannot write the sequence to '{root}': {error}") from error
+
+
+def _write_frames(
+    frames: Iterable[Frame], scene: Scene, root: Path, jpeg_quality: int
+) -> Iterator[tuple[Frame, bytes]]:
+    """Writes pictures, instance maps and, at the end, metadata; yields frames and pictures."""
     largest = max((item.instance_id for item in scene.objects), default=0)
     if largest > _MAX_ID:
         raise OutputError(
             f"instance id {largest} does not fit into an 8-bit instance map; "
             f"render at most {_MAX_ID} objects to write them in the DAVIS layout"
         )
-    root = Path(folder)
-    try:
-        sightings = _write_frames(frames, scene.name, root, jpeg_quality)
-        for file_name, one_class in (("metadata.json", False), ("metadata_one_class.json", True)):
-            text = json.dumps(_describe(scene, sightings, one_class), indent=1)
-            (root / file_name).write_text(text + "\n")
-    except OSError as error:
-        raise OutputError(f"cannot write the sequence to '{root}': {error}") from error
-    return root
-
-
-def _write_frames(
-    frames: Iterable[Frame], name: str, root: Path, jpeg_quality: int
-) -> dict[int, list[int]]:
-    """Writes pictures and instance maps; returns the frames in which each id is seen."""
-    image_folder, map_folder = root / "JPEGImages" / name, root / "Annotations" / name
-    for directory in (image_folder, map_folder):
-        directory.mkdir(parents=True, exist_ok=True)
+    image_folder, map_folder = root / "JPEGImages" / scene.name, root / "Annotations" / scene.name
+    with _writing(root):
+        for directory in (image_folder, map_folder):
+            directory.mkdir(parents=True, exist_ok=True)
     sightings: dict[int, list[int]] = defaultdict(list)
     for frame in frames:
         assert frame.image is not None
@@ -70,17 +94,22 @@ def _write_frames(
             instances[mask] = instance
             sightings[instance].append(frame.index)
         bgr = cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR)
-        quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
-        _write(image_folder / f"{frame.name}.jpg", bgr, quality)
-        _write(map_folder / f"{frame.name}.png", instances, [])
-    return sightings
+        picture = _encode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
+        with _writing(root):
+            (image_folder / f"{frame.name}.jpg").write_bytes(picture)
+            (map_folder / f"{frame.name}.png").write_bytes(_encode(".png", instances))
+        yield frame, picture
+    for file_name, one_class in (("metadata.json", False), ("metadata_one_class.json", True)):
+        text = json.dumps(_describe(scene, sightings, one_class), indent=1)
+        with _writing(root):
+            (root / file_name).write_text(text + "\n")
 
 
-def _write(path: Path, image: np.ndarray, parameters: list[int]) -> None:
-    is_encoded, data = cv2.imencode(path.suffix, image, parameters)
+def _encode(suffix: str, image: np.ndarray, parameters: Sequence[int] = ()) -> bytes:
+    is_encoded, data = cv2.imencode(suffix, image, parameters)
     if not is_encoded:
-        raise OutputError(f"the picture '{path}' cannot be encoded")
-    path.write_bytes(data.tobytes())
+        raise OutputError(f"a picture of {image.shape[1]}x{image.shape[0]} cannot be encoded")
+    return data.tobytes()
 
 
 def _describe(scene: Scene, sightings: dict[int, list[int]], one_class: bool) -> dict[str, Any]:
