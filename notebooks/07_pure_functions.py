@@ -23,14 +23,17 @@
 # For scores over many scenes there are [sweeps](03_sweep_and_pick_thresholds.ipynb).
 
 # %%
+import tempfile
+
 import jax
 import numpy as np
 
 import remind_jax as rj
-from remind_jax.synthetic import demo_options, make_scene, render
+from remind_jax.synthetic import demo_options, make_scene, write_davis
 
 tracker = rj.get_method("default")
-scene = rj.stack_scene(render(make_scene(demo_options())))  # the sequence of `make demo`
+tour = write_davis(make_scene(demo_options()), tempfile.mkdtemp())  # as `make demo` does
+scene = rj.stack_scene(tour)
 features, masks, observed = scene.frames
 print("features", features.patches.shape, "detections", masks.valid.sum())
 print("room for", scene.static.num_objects, "objects")
@@ -60,18 +63,29 @@ assert not state.overflow.objects
 
 # %%
 live = rj.Tracker()
-for row, frame in enumerate(render(make_scene(demo_options()))):
+for row, frame in enumerate(rj.open_source(tour)):
     found = live.update(frame.image, frame.detections)
     assert (np.asarray(ids)[row, : len(found)] == found.object_id).all()
 
 # %% [markdown]
 # A setting with a leading axis is many settings. Here looks count from little to much when tracklets are
-# linked.
+# linked. `step` is `describe` and `decide`; what a frame shows is described once for all settings.
+
 
 # %%
+def follow_one(settings, frames):
+    def advance(state, frame):
+        seen = tracker.describe(*frame, static=scene.static, thresholds=scene.settings)
+        state, _ = tracker.decide(state, seen, static=scene.static, thresholds=settings)
+        return state, state.decisions.object_id
+
+    return jax.lax.scan(advance, tracker.init(scene.static), frames)[1]
+
+
 values = np.linspace(0, 3, 8)
 settings = rj.sweeps.stack(scene.settings, [{"linking.look": float(x)} for x in values])
-_, many = jax.jit(jax.vmap(follow), compiler_options=options)(settings)
+follow_all = jax.jit(jax.vmap(follow_one, (0, None)), compiler_options=options)
+many = follow_all(settings, scene.frames)
 for value, found in zip(values, np.asarray(many), strict=True):
     print(f"linking.look {value:.1f}: {len(np.unique(found[found >= 0]))} identities")
 

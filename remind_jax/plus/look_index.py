@@ -17,6 +17,7 @@ from jaxtyping import Float, Int
 
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.state import Scene
+from remind_jax.plus.whitening import RESOLUTION
 
 FIRST_BLOCK, MAX_BLOCK = 64, 1024  # looks in a block
 MAX_GROWTH = 1.5  # looks are whitened anew when so many times as much was learned meanwhile
@@ -45,8 +46,10 @@ class Whitener:
         return cls(np.array(scene.whitener), np.array(scene.white_mean), learned)
 
     def whiten(self, looks: Float[np.ndarray, "*any D"]) -> Float[np.ndarray, "*any E"]:
-        """Looks as unit vectors."""
-        white = (looks - self.mean) @ self.matrix.T
+        """Looks as unit vectors; zeros for the mean of all."""
+        centered = looks - self.mean
+        centered[np.sum(centered**2, axis=-1) <= RESOLUTION**2] = 0.0
+        white = centered @ self.matrix.T
         return white / np.maximum(np.linalg.norm(white, axis=-1, keepdims=True), 1e-12)
 
 

@@ -30,6 +30,7 @@ from remind_jax.plus.static import REFRESH_FRAMES
 
 EAGER_FRAMES = 5  # the whitening is renewed in each of the first frames
 _TINY = 1e-9
+RESOLUTION = 1e-4  # nearer to the mean of all looks, a direction is that of rounding
 TEACHES = 16.0  # detections of an object that teach in full
 MEAN_SAMPLES = 3000.0  # running means forget beyond this many
 SCATTER_DECAY = 0.9995  # what each sample leaves of the scatter so far
@@ -43,8 +44,10 @@ TOTAL_SHARE = 0.02  # share of the total scatter
 
 
 def whiten(scene: Scene, looks: Float[Array, "*any D"]) -> Float[Array, "*any E"]:
-    """Looks as unit vectors whose inner products are compared."""
+    """Looks as unit vectors whose inner products are compared; zeros for the mean of all."""
     centered = looks - scene.white_mean
+    differs = jnp.sum(centered**2, axis=-1, keepdims=True) > RESOLUTION**2
+    centered = jnp.where(differs, centered, 0.0)
     return to_unit(jnp.einsum("...d,ed->...e", centered, scene.whitener, precision="highest"))
 
 

@@ -38,6 +38,9 @@ def test_demo_prints_what_was_recovered(command):
     assert f"{compared['returns']} returns" in outcome.stdout
     page = Path("tour", "report.html").read_text(encoding="utf-8")
     assert json.dumps(result.comparison[0], separators=(",", ":")) in page
+    assert command("run", "tour/scene", "--out", "again", "--quiet").code == 0
+    for one, other in zip(result.tracks, Result.load("again").tracks, strict=True):
+        assert one.object_id.tolist() == other.object_id.tolist()
     again = command(*words, "--json", "--seed", 1)
     facts = json.loads(again.stdout)
     assert facts["frames"] == 4

@@ -90,3 +90,11 @@ def test_the_mean_background_is_that_of_detections_that_have_one():
     np.testing.assert_allclose(scene.ring_mean, [2.0, 2.0, 2.0], rtol=1e-6)
     assert scene.num_rings == 2
     assert scene.num_looks == 3
+
+
+def test_what_rounding_alone_tells_from_the_mean_of_all_has_no_direction():
+    state = empty_state()
+    noise = np.random.default_rng(0).normal(scale=1e-7, size=(5, len(KIND)))
+    scene = dataclasses.replace(state.scene, white_mean=jnp.asarray(KIND, jnp.float32))
+    white = whiten(scene, jnp.asarray(KIND + noise, jnp.float32))
+    np.testing.assert_array_equal(white, np.zeros_like(white))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import OutputError
-from remind_jax.synthetic import write_davis
+from remind_jax.sources import open_source
+from remind_jax.synthetic import record_davis, write_davis
 
 
 def test_davis_layout_holds_the_sequence(tiny, tmp_path):
@@ -51,6 +52,18 @@ def test_a_scene_is_rendered_while_writing(tiny, tmp_path):
     one, other = write_davis(tiny, tmp_path / "a"), write_davis(tiny.scene, tmp_path / "b")
     for path in sorted(one.rglob("*.*")):
         assert path.read_bytes() == (other / path.relative_to(one)).read_bytes()
+
+
+def test_recorded_frames_are_those_that_are_read_again(tiny, tmp_path):
+    recorded = list(record_davis(tiny.scene, tmp_path))
+    read = list(open_source(tmp_path))
+    assert len(recorded) == len(read) == len(tiny.frames)
+    for one, other in zip(recorded, read, strict=True):
+        assert (one.time_s, one.is_timed) == (other.time_s, other.is_timed)
+        np.testing.assert_array_equal(one.image, other.image)
+        np.testing.assert_array_equal(one.detections.masks, other.detections.masks)
+        np.testing.assert_array_equal(one.detections.instance_ids, other.detections.instance_ids)
+        assert one.detections.labels == other.detections.labels
 
 
 def test_ids_beyond_eight_bits_are_refused(tiny, tmp_path):

@@ -45,6 +45,7 @@ from remind_jax.remind.memory.prototypes import (
     similarities,
     similarity_rate,
 )
+from remind_jax.remind.memory.writing import write_rows
 
 T = TypeVar("T")
 
@@ -220,10 +221,41 @@ def _observe(
     no_room = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape[1:], leaf.dtype), edit)
     freed = branch(jnp.any(full), find_room, lambda: no_room, suits_all=True)
     both = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), freed)
-    # In the order of the axes, so that no bank is turned around.
-    of_channels = jax.vmap(jax.vmap(change))
-    apply = jax.vmap(of_channels, (0, 0, None, 0))
-    return apply(banks, _choose(full, both, edit), arrival, adds), used
+    return _apply(banks, _choose(full, both, edit), arrival, adds), used
+
+
+def _apply(banks: Bank, edit: Edit, arrival: Bank, adds: Bool[Array, "2 C N"]) -> Bank:
+    """The banks after their edits.
+
+    Where none gives up a prototype, which closes a gap, one row of each is written, if any.
+    """
+
+    def change_banks() -> Bank:
+        # In the order of the axes, so that no bank is turned around.
+        of_channels = jax.vmap(jax.vmap(change))
+        return jax.vmap(of_channels, (0, 0, None, 0))(banks, edit, arrival, adds)
+
+    def write_prototypes() -> Bank:
+        num_slots = banks.embedding.shape[-2]
+        first = num_slots * jnp.arange(adds.size, dtype=jnp.int32).reshape(adds.shape)
+        row = first + jnp.where(adds, banks.size, edit.at)
+        row = jnp.where(adds | edit.replaces, row, -1)
+        both = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), arrival)
+        memory, values = (
+            jax.tree.map(
+                lambda leaf: leaf.reshape(-1, leaf.shape[-1]), dataclasses.replace(bank, size=None)
+            )
+            for bank in (banks, _choose(adds, both, edit.value))
+        )
+        written = write_rows(memory, row.ravel(), values)
+        return Bank(
+            written.embedding.reshape(banks.embedding.shape),
+            written.counts.reshape(banks.counts.shape),
+            written.qualities.reshape(banks.qualities.shape),
+            banks.size + adds.astype(jnp.int32),
+        )
+
+    return branch(jnp.any(edit.removes), change_banks, write_prototypes, suits_all=True)
 
 
 def _choose(chosen: Bool[Array, "..."], new: T, old: T) -> T:
