@@ -85,8 +85,8 @@ def measure_settings(options: argparse.Namespace) -> dict[str, Any]:
     scene = read_scene(options)
     config = scene.config
     dim = scene.feats[0].patches.shape[-1]
-    static = dataclasses.replace(config.static, num_detections=1, feature_dim=dim)
-    static = static.grow(num_detections=scene.most_detections)
+    least = {"num_detections": 1, "num_objects": 1, "feature_dim": dim}
+    static = scene.grow(dataclasses.replace(config.static, **least))
     described = describe_scene(scene, static, config)
     settings = complete(draw(SPACES[options.config], options.settings), config)
 

@@ -13,6 +13,7 @@ in log odds.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
 import jax
@@ -30,7 +31,7 @@ from remind_jax.plus.state import NO_RELATION, Objects, Pairs
 from remind_jax.plus.static import NUM_CANDIDATES, NUM_WITNESSES
 from remind_jax.plus.vacancy import find_gone
 
-_KINDS = 4  # of what a party says of a candidate
+_AT_ONCE = 4  # open rows that are added up together
 # How far a party is a witness, by its looks.
 WITNESS_SLOPE = 2.0  # per log odd
 WITNESS_CLASS = 1.0  # what its class adds, per log of how rare that is among known objects
@@ -141,30 +142,41 @@ def _weigh(
     """What the others say of each candidate, and how far it is believed."""
     num, width = rows.slot.shape
     first = jnp.arange(width) == 0
-    # Only open rows ask, one after the other: often few of many.
+    # Only open rows ask, often few of many; they stand one after the other.
     is_open = jnp.any(rows.valid, axis=1)
-    open_row, num_open = rows_of(count_before(is_open), is_open, num), jnp.sum(is_open)
-    num_asked = min(num, NUM_WITNESSES)
-    asked = jnp.zeros((num, num_asked), jnp.int32)
-    said = jnp.zeros((num, _KINDS * width, num_asked * width), jnp.float32)
+    place, num_open = count_before(is_open), jnp.sum(is_open)
+    open_row = rows_of(place, is_open, num)
+    num_asked, room = min(num, NUM_WITNESSES), -(-num // _AT_ONCE) * _AT_ONCE
+    asked = jnp.zeros((room, num_asked), jnp.int32)
+    kinds = len(_Said._fields)
+    said = jnp.zeros((room, kinds, width, num_asked * width), jnp.float32)
 
     def hear(k: Array, heard: tuple[Array, Array]) -> tuple[Array, Array]:
         n = open_row[k]
         others = _nearest(n, rows, num_asked)
-        row = _say(n, others, rows, seen, pairs, frame, t)
-        return heard[0].at[n].set(others), heard[1].at[n].set(row)
+        asked, said = heard
+        # Each kind is computed right where it goes to, in one loop that the compiler vectorizes.
+        for kind, row in enumerate(_say(n, others, rows, seen, pairs, frame, t)):
+            said = lax.dynamic_update_slice(said, row[None, None], (k, kind, 0, 0))
+        return lax.dynamic_update_index_in_dim(asked, others, k, axis=0), said
 
     asked, said = lax.fori_loop(0, num_open, hear, (asked, said))
 
     def ask(weight: Float[Array, "N C"]) -> _Around:
-        def add_up(k: Array, sums: Array) -> Array:
-            n = open_row[k]
-            weights = weight[asked[n]].reshape(-1)
-            return sums.at[n].set(jnp.matmul(said[n], weights, precision="highest"))
+        def add_up(block: Array, sums: Array) -> Array:
+            first = block * _AT_ONCE
+            take = functools.partial(
+                lax.dynamic_slice_in_dim, start_index=first, slice_size=_AT_ONCE
+            )
+            weights = weight[take(asked)].reshape(_AT_ONCE, -1)
 
-        sums = lax.fori_loop(0, num_open, add_up, jnp.zeros(said.shape[:2], jnp.float32))
-        by_kind = jnp.moveaxis(sums.reshape(num, _KINDS, width), 1, 0)
-        lies, companions, num_related, num_usable = by_kind
+            told = jnp.einsum("bkcw,bw->bkc", take(said), weights, precision="highest")
+            return lax.dynamic_update_slice_in_dim(sums, told, first, axis=0)
+
+        nothing = jnp.zeros((room, kinds, width), jnp.float32)
+        sums = lax.fori_loop(0, -(-num_open // _AT_ONCE), add_up, nothing)
+        sums = jnp.where(is_open[:, None, None], sums[place], 0.0)
+        lies, companions, num_related, num_usable = jnp.moveaxis(sums, 1, 0)
         lies = lies * _share(num_related, PARTNERS)
         lies = t.weight * jnp.clip(lies, -t.best, t.best)
         companions = companions * _share(num_usable, COVISIBLE_PARTNERS)
@@ -234,11 +246,8 @@ def _say(
     pairs: Pairs,
     frame: Int[Array, ""],
     t: th.Layout,
-) -> Float[Array, "KC WC"]:
-    """What every party of the others says of every candidate of one row.
-
-    Kinds `K`: how it lies, whether it is company, and whether it says either.
-    """
+) -> _Said:
+    """What every party of the others says of every candidate of one row."""
     m, size, touches = others[:, None], rows.size, rows.touches
     beside = _Beside(
         offset=rows.center[m] - rows.center[n],
@@ -255,8 +264,19 @@ def _say(
         look_up(pairs.relation, o, p), spread, look_up(pairs.log_ratio, o, p), beside, t
     )
     covisible = _covisible_evidence(look_up(pairs.covisible, o, p), seen[o], seen[p], beside, frame)
-    said = [jnp.where(related, layout, 0.0), jnp.where(usable, covisible, 0.0), related, usable]
-    return jnp.stack(said).reshape(_KINDS * len(o), -1)
+    said = _Said(
+        jnp.where(related, layout, 0.0), jnp.where(usable, covisible, 0.0), related, usable
+    )
+    return jax.tree.map(lambda leaf: leaf.reshape(len(o), -1).astype(jnp.float32), said)
+
+
+class _Said(NamedTuple):
+    """What parties say of candidates; an array each, of which each is computed as one loop."""
+
+    layout: Float[Array, "... C WC"]  # how they lie
+    company: Float[Array, "... C WC"]  # whether they are seen together
+    is_related: Float[Array, "... C WC"]  # 1 where the first says anything
+    is_usable: Float[Array, "... C WC"]  # 1 where the second does
 
 
 class _Beside(NamedTuple):

@@ -9,16 +9,20 @@ units.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import dot
+from remind_jax.numerics.slices import give_axis
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.decision import Choice
@@ -272,54 +276,88 @@ def learn_objects(
     )
 
 
+class _Banks(NamedTuple):
+    """What objects keep of looks, one row an object."""
+
+    look: Float[Array, "*M O K D"]
+    count: Int[Array, "*M O K"]
+    white: Float[Array, "*M O K E"]
+
+
 def keep_looks(
     objects: Objects, scene: Scene, groups: Sequence[KeptLooks], t: th.Memory
 ) -> Objects:
     """Adds looks to the banks of their objects, group after group."""
-    slot = jnp.concatenate([group.slot for group in groups])
-    keeps = jnp.concatenate([group.keeps for group in groups])
-    index = jnp.arange(len(slot), dtype=jnp.int32)
 
-    def read(k: Array) -> Float[Array, "D"]:
-        look, start = groups[0].look[k], len(groups[0].slot)
+    @custom_vmap
+    def keep(*given: Any) -> _Banks:
+        alone = jax.tree.map(lambda leaf: leaf[None], given)
+        return jax.tree.map(lambda leaf: leaf[0], _keep_in_turn(*alone))
+
+    @keep.def_vmap
+    def keep_in_batch(size: int, is_batched: Sequence[Any], *given: Any) -> tuple[_Banks, Any]:
+        # Each turn writes one look; a loop that is mapped would choose between whole banks.
+        in_batch = functools.partial(give_axis, size=size)
+        banks = _keep_in_turn(*jax.tree.map(in_batch, given, tuple(is_batched)))
+        return banks, jax.tree.map(lambda _: True, banks)
+
+    banks = _Banks(objects.bank, objects.bank_count, objects.white_bank)
+    banks = keep(banks, tuple(groups), scene, t)
+    return dataclasses.replace(
+        objects, bank=banks.look, bank_count=banks.count, white_bank=banks.white
+    )
+
+
+def _keep_in_turn(
+    banks: _Banks, groups: Sequence[KeptLooks], scenes: Scene, t: th.Memory
+) -> _Banks:
+    """Adds looks to the banks of the members of a batch, which all have a leading axis `M`."""
+    slot = jnp.concatenate([group.slot for group in groups], axis=1)
+    keeps = jnp.concatenate([group.keeps for group in groups], axis=1)
+    num_members, num = slot.shape
+    num_objects = banks.count.shape[1]
+    index = jnp.arange(slot.size, dtype=jnp.int32)
+
+    def read(member: Array, k: Array) -> Float[Array, "D"]:
+        look, start = groups[0].look[member, k], groups[0].slot.shape[1]
         for group in groups[1:]:
-            look = jnp.where(k >= start, group.look[k - start], look)
-            start += len(group.slot)
+            look = jnp.where(k >= start, group.look[member, k - start], look)
+            start += group.slot.shape[1]
         return look
 
-    def keep(_: Array, before: tuple[Array, Objects]) -> tuple[Array, Objects]:
-        k, objects = before
-        k = jnp.min(jnp.where(keeps & (index > k), index, len(slot) - 1))
-        return k, keep_look(objects, scene, slot[k], read(k), t)
+    def keep(_: Array, before: tuple[Array, _Banks]) -> tuple[Array, _Banks]:
+        at, rows = before
+        at = jnp.min(jnp.where(keeps.reshape(-1) & (index > at), index, slot.size - 1))
+        member, k = at // num, at % num
+        scene, memory = jax.tree.map(lambda leaf: leaf[member], (scenes, t))
+        row = member * num_objects + slot[member, k]
+        return at, _keep_look(rows, scene, row, read(member, k), memory)
 
-    return lax.fori_loop(0, jnp.sum(keeps), keep, (jnp.int32(-1), objects))[1]
+    rows = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), banks)
+    rows = lax.fori_loop(0, jnp.sum(keeps), keep, (jnp.int32(-1), rows))[1]
+    return jax.tree.map(lambda leaf: leaf.reshape(num_members, -1, *leaf.shape[1:]), rows)
 
 
-def keep_look(
-    objects: Objects, scene: Scene, slot: Int[Array, ""], look: Float[Array, "D"], t: th.Memory
-) -> Objects:
+def _keep_look(
+    banks: _Banks, scene: Scene, row: Int[Array, ""], look: Float[Array, "D"], t: th.Memory
+) -> _Banks:
     """Adds a look to the bank of an object, into the nearest kept one where it is close."""
-    count = objects.bank_count[slot]
-    cosine = dot(objects.white_bank[slot], whiten(scene, look)[None])[:, 0]
+    count = banks.count[row]
+    cosine = dot(banks.white[row], whiten(scene, look)[None])[:, 0]
     # A free place is taken by what is nowhere nearer than the novel may be.
     at = jnp.argmax(jnp.where(count > 0, cosine, t.novel)).astype(jnp.int32)
     is_joined = (jnp.arange(len(count)) == at) & (count > 0)
     num = jnp.sum(jnp.where(is_joined, count, 0))
-    old = jnp.sum(jnp.where(is_joined[:, None], objects.bank[slot], 0.0), axis=0)
+    old = jnp.sum(jnp.where(is_joined[:, None], banks.look[row], 0.0), axis=0)
     rate = 1.0 / jnp.minimum(num + 1.0, t.rate_samples)
     new = old + rate * (look - old)
 
     def put(values: Array, value: Array) -> Array:
-        start = (slot, at, *(jnp.int32(0),) * (values.ndim - 2))
+        start = (row, at, *(jnp.int32(0),) * (values.ndim - 2))
         # Where JAX computes in 64 bits, so does a sum of counts.
         return lax.dynamic_update_slice(values, value.astype(values.dtype)[None, None], start)
 
-    return dataclasses.replace(
-        objects,
-        bank=put(objects.bank, new),
-        bank_count=put(objects.bank_count, num + 1),
-        white_bank=put(objects.white_bank, whiten(scene, new)),
-    )
+    return _Banks(*map(put, banks, (new, num + 1, whiten(scene, new))))
 
 
 def learn_cosines(

@@ -84,6 +84,11 @@ class SceneFrames:
         """Detections of the fullest frame."""
         return max((len(masks.valid) for masks in self.masks), default=0)
 
+    def grow(self, static: Static) -> Static:
+        """Capacities with slots for what is in the scene, and for what a frame may add to it."""
+        most = self.most_detections
+        return static.grow(num_detections=most, num_objects=self.truth.num_objects + most)
+
     @functools.cached_property
     def digest(self) -> str:
         """Hash of all that the tracker is shown, and of the truth."""

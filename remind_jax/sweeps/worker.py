@@ -50,7 +50,7 @@ class Worker:
         """
         self.batch, self.program_bytes = 0, 0
         # Room that no scene needs would be paid for by every setting.
-        self._static = dataclasses.replace(config.static, num_detections=1)
+        self._static = dataclasses.replace(config.static, num_detections=1, num_objects=1)
         self._budget_bytes, self._wanted = int(memory_gib * GIB), batch
         self._method = get_method(config.tracker)
         self._described_by = self._method.sweeping.described_by
@@ -93,7 +93,7 @@ class Worker:
     def _describe(self, scene: SceneFrames, setting: Setting) -> Any:
         dim = scene.feats[0].patches.shape[-1]
         static = dataclasses.replace(self._static, feature_dim=dim)
-        self._static = static.grow(num_detections=scene.most_detections)
+        self._static = scene.grow(static)
         seen = _under(self._described_by, setting)
         what = (scene.digest, seen, self._static.num_detections)
         if self._described is None or self._described[0] != what:

@@ -47,7 +47,7 @@ def test_batch_is_a_multiple_of_the_devices(monkeypatch):
 
 @pytest.fixture
 def staged(monkeypatch):
-    """A worker whose runs are noted instead of done; memory has room for 60 objects in all."""
+    """A worker whose runs are noted instead of done; memory has room for 120 objects in all."""
     note = types.SimpleNamespace(runs=[], described=0, grow_at=None, outgrows=False)
 
     def describe(scene, static, config):
@@ -63,7 +63,8 @@ def staged(monkeypatch):
         return settings, static
 
     def plan(frames, config, static, wanted, budget):
-        return min(wanted, 60 // static.num_objects), 1
+        note.capacities = static.num_detections, static.num_objects
+        return min(wanted, 120 // static.num_objects), 1
 
     monkeypatch.setattr(worker, "describe_scene", describe)
     monkeypatch.setattr(worker, "run_batch", run)
@@ -93,6 +94,7 @@ def test_every_setting_gets_its_own_row(staged):
     ]
     assert run_all(Worker(CONFIG, 1.0), settings) == settings
     assert staged.described == 2
+    assert staged.capacities == (8, 16)  # doubled until the scene fits
     assert {len(run) for run in staged.runs} == {7}
 
 
