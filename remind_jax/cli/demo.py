@@ -31,8 +31,7 @@ SCENE_NAME = "scene"  # what was rendered, in the output folder
 class Demo:
     """Render a tour through two rooms, track its objects and compare with the truth.
 
-    Out of a bright room full of look-alikes, and back to them in the dark. The pictures, masks and
-    classes are kept in the folder `scene`, as a sequence that every command reads.
+    Out of a bright room full of look-alikes, and back to them in the dark.
 
     Examples:
       remind demo
@@ -40,7 +39,8 @@ class Demo:
       remind demo --config remind                   the tracker of the paper
     """
 
-    out: Path = Path("remind_demo")  # output folder; an earlier run there is replaced
+    # output folder; an earlier run there is replaced; 'scene' in it is what was rendered
+    out: Path = Path("remind_demo")
     seed: int = 8  # another seed gives other rooms, objects and paths
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"

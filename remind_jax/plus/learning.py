@@ -289,16 +289,18 @@ def keep_looks(
 ) -> Objects:
     """Adds looks to the banks of their objects, group after group."""
 
-    @custom_vmap
-    def keep(*given: Any) -> _Banks:
+    def keep_alone(*given: Any) -> _Banks:
         alone = jax.tree.map(lambda leaf: leaf[None], given)
         return jax.tree.map(lambda leaf: leaf[0], _keep_in_turn(*alone))
 
+    keep = custom_vmap(keep_alone)
+
     @keep.def_vmap
     def keep_in_batch(size: int, is_batched: Sequence[Any], *given: Any) -> tuple[_Banks, Any]:
-        # Each turn writes one look; a loop that is mapped would choose between whole banks.
-        in_batch = functools.partial(give_axis, size=size)
-        banks = _keep_in_turn(*jax.tree.map(in_batch, given, tuple(is_batched)))
+        given = jax.tree.map(functools.partial(give_axis, size=size), given, tuple(is_batched))
+        # A loop that is mapped chooses between whole banks at every turn, slow on a CPU.
+        is_in_turn = jax.default_backend() == "cpu"
+        banks = _keep_in_turn(*given) if is_in_turn else jax.vmap(keep_alone)(*given)
         return banks, jax.tree.map(lambda _: True, banks)
 
     banks = _Banks(objects.bank, objects.bank_count, objects.white_bank)
