@@ -169,7 +169,6 @@ def _weigh(
                 lax.dynamic_slice_in_dim, start_index=first, slice_size=_AT_ONCE
             )
             weights = weight[take(asked)].reshape(_AT_ONCE, -1)
-
             told = jnp.einsum("bkcw,bw->bkc", take(said), weights, precision="highest")
             return lax.dynamic_update_slice_in_dim(sums, told, first, axis=0)
 

@@ -43,6 +43,30 @@ def test_a_new_look_is_added_where_there_is_room():
     np.testing.assert_allclose(after.bank[0, 1], Y)
 
 
+def test_a_batch_keeps_looks_as_its_members_do_alone():
+    rng = np.random.default_rng(0)
+    objects, scene = objects_of([X, Y]), empty_state().scene
+    looks = jnp.asarray(rng.normal(size=(5, 4, 3)), jnp.float32)
+    slots = jnp.asarray(rng.integers(0, 2, (5, 4)), jnp.int32)
+    keeps = jnp.asarray(rng.random((5, 4)) < np.linspace(0, 1, 5)[:, None])
+
+    def show(slot, look, keeps):
+        halves = (
+            KeptLooks(slot[:3], look[:3], keeps[:3]),
+            KeptLooks(slot[3:], look[3:], keeps[3:]),
+        )
+        return learning.keep_looks(objects, scene, halves, T.memory)
+
+    together = jax.jit(jax.vmap(show))(slots, looks, keeps)
+    for member in range(5):
+        alone = jax.jit(show)(slots[member], looks[member], keeps[member])
+        jax.tree.map(
+            lambda one, other, m=member: np.testing.assert_allclose(one[m], other, atol=1e-6),
+            together,
+            alone,
+        )
+
+
 def test_a_full_bank_averages_even_what_is_new():
     objects = objects_of([X])
     full = dataclasses.replace(
