@@ -280,7 +280,7 @@ class _Banks(NamedTuple):
     """What objects keep of looks, one row an object."""
 
     look: Float[Array, "*M O K D"]
-    count: Int[Array, "*M O K"]
+    counts: Int[Array, "*M O K"]
     white: Float[Array, "*M O K E"]
 
 
@@ -306,7 +306,7 @@ def keep_looks(
     banks = _Banks(objects.bank, objects.bank_count, objects.white_bank)
     banks = keep(banks, tuple(groups), scene, t)
     return dataclasses.replace(
-        objects, bank=banks.look, bank_count=banks.count, white_bank=banks.white
+        objects, bank=banks.look, bank_count=banks.counts, white_bank=banks.white
     )
 
 
@@ -317,7 +317,7 @@ def _keep_in_turn(
     slot = jnp.concatenate([group.slot for group in groups], axis=1)
     keeps = jnp.concatenate([group.keeps for group in groups], axis=1)
     num_members, num = slot.shape
-    num_objects = banks.count.shape[1]
+    num_objects = banks.counts.shape[1]
     index = jnp.arange(slot.size, dtype=jnp.int32)
 
     def read(member: Array, k: Array) -> Float[Array, "D"]:
@@ -344,7 +344,7 @@ def _keep_look(
     banks: _Banks, scene: Scene, row: Int[Array, ""], look: Float[Array, "D"], t: th.Memory
 ) -> _Banks:
     """Adds a look to the bank of an object, into the nearest kept one where it is close."""
-    count = banks.count[row]
+    count = banks.counts[row]
     cosine = dot(banks.white[row], whiten(scene, look)[None])[:, 0]
     # A free place is taken by what is nowhere nearer than the novel may be.
     at = jnp.argmax(jnp.where(count > 0, cosine, t.novel)).astype(jnp.int32)
