@@ -61,9 +61,12 @@ def test_recorded_frames_are_those_that_are_read_again(tiny, tmp_path):
     for one, other in zip(recorded, read, strict=True):
         assert (one.time_s, one.is_timed) == (other.time_s, other.is_timed)
         np.testing.assert_array_equal(one.image, other.image)
-        np.testing.assert_array_equal(one.detections.masks, other.detections.masks)
-        np.testing.assert_array_equal(one.detections.instance_ids, other.detections.instance_ids)
-        assert one.detections.labels == other.detections.labels
+        found, found_again = one.detections, other.detections
+        assert found is not None
+        assert found_again is not None
+        np.testing.assert_array_equal(found.masks, found_again.masks)
+        np.testing.assert_array_equal(found.instance_ids, found_again.instance_ids)
+        assert found.labels == found_again.labels
 
 
 def test_ids_beyond_eight_bits_are_refused(tiny, tmp_path):
