@@ -32,7 +32,7 @@ import remind_jax as rj
 from remind_jax.synthetic import demo_options, make_scene, write_davis
 
 tracker = rj.get_method("default")
-tour = write_davis(make_scene(demo_options()), tempfile.mkdtemp())  # as `make demo` does
+tour = write_davis(make_scene(demo_options()), tempfile.mkdtemp())  # what `make demo` renders
 scene = rj.stack_scene(tour)
 features, masks, observed = scene.frames
 print("features", features.patches.shape, "detections", masks.valid.sum())

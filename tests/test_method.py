@@ -185,12 +185,11 @@ def called(calls):
 
 
 def scene_of_squares():
-    """Two squares of different patterns, ever brighter."""
-    pattern = np.random.default_rng(0).integers(0, 100, (SIDE, SIDE, 3), dtype=np.uint8)
-    return [
-        (pattern + picture(50 * row), rj.Detections.create(two_masks(), instance_ids=[1, 2]))
-        for row in range(3)
-    ]
+    """Two squares of different colors that stand still."""
+    image = picture(90)
+    for mask, color in zip(two_masks(), ((220, 40, 20), (20, 60, 220)), strict=True):
+        image[mask] = color
+    return [(image, rj.Detections.create(two_masks(), instance_ids=[1, 2])) for _ in range(3)]
 
 
 def test_what_is_around_a_method_is_called_once_a_frame_live(counted):
@@ -217,7 +216,7 @@ def test_what_is_around_a_method_is_called_once_a_frame_and_setting_in_a_sweep(c
     assert decides >= 3
 
 
-def test_what_is_around_a_method_is_called_once_a_frame_alone(counted):
+def test_what_is_around_a_method_is_called_once_a_frame_alone(counted, request):
     method = get_method("counted")
     scene = rj.stack_scene(scene_of_squares(), {"tracker": "counted"}, num_objects=16)
 
@@ -229,7 +228,10 @@ def test_what_is_around_a_method_is_called_once_a_frame_alone(counted):
 
         return jax.lax.scan(advance, method.init(scene.static), scene.frames)[1]
 
-    assert follow(scene.settings)[0].tolist() == [0, 1]
+    found = np.sort(follow(scene.settings)).tolist()
+    # With published thresholds two such squares are too alike to be known again.
+    num_known = 1 if request.node.callspec.params["counted"] == "remind" else 3
+    assert found[:num_known] == [[0, 1]] * num_known
     assert called(counted) == (3, 3)
 
 
