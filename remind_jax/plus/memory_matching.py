@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.archive import NO_PARTNERS, Resting
+from remind_jax.plus.class_names import confusion_odds, name_odds
 from remind_jax.plus.decision import LEAST_NEWNESS
 from remind_jax.plus.evidence import (
     FREE_RIVALS,
@@ -83,7 +84,8 @@ class _Candidates(NamedTuple):
 
     row: Int[np.ndarray, "M C"]  # of objects here, NOBODY where there are fewer
     cosine: Float[np.ndarray, "M C"]  # of the looks that are most alike
-    of_class: Int[np.ndarray, "M"]  # objects here of its class
+    name: Float[np.ndarray, "M C"]  # log odds that one thing has both names, 0 at most
+    rivals: Float[np.ndarray, "M"]  # objects here, by how likely they are called so
 
 
 class _Statements(NamedTuple):
@@ -101,26 +103,34 @@ def match(
     here: Side, there: Side, scene: Scene, t: th.PlusThresholds
 ) -> tuple[Int[np.ndarray, "M"], dict[int, Int[np.ndarray, "rivals"]]]:
     """Rows here of the objects there, NOBODY for new ones; rows that the doubtful ones may be."""
-    candidates = _find_candidates(here, there, Whitener.of(scene))
+    candidates = _find_candidates(here, there, scene, t.names)
     base = _own_evidence(here, there, candidates, scene, t)
     odds = _weigh_company(base, _ask_company(here, there, candidates, t), t)
     return _decide(odds, candidates.row, len(here.objects), _expect_new(odds, t.decision))
 
 
-def _find_candidates(here: Side, there: Side, whitener: Whitener) -> _Candidates:
-    """The objects here that look most alike, of the class of each object there."""
-    num = len(there.objects)
+def _find_candidates(here: Side, there: Side, scene: Scene, t: th.Names) -> _Candidates:
+    """The objects here that look most alike, of the classes that each there may be called."""
+    num, whitener = len(there.objects), Whitener.of(scene)
     found = _Candidates(
         np.full((num, NUM_CANDIDATES), NOBODY),
         np.full((num, NUM_CANDIDATES), -1.0, np.float32),
-        np.zeros(num, int),
+        np.zeros((num, NUM_CANDIDATES), np.float32),
+        np.zeros(num, np.float32),
     )
-    classes_here, classes_there = here.values("class_id"), there.values("class_id")
-    for one_class in np.intersect1d(classes_here, classes_there):
-        rows = np.flatnonzero(classes_here == one_class)
+    classes, class_of = np.unique(here.values("class_id"), return_inverse=True)
+    classes_there = there.values("class_id")
+    asked_classes = np.unique(classes_there)
+    names = np.asarray(name_odds(asked_classes, classes, confusion_odds(scene, t)))
+    for one_class, name in zip(asked_classes, names, strict=True):
+        # Others are asked only where the detector was seen to change between both names.
+        rows = np.flatnonzero((name > np.log(t.confused))[class_of])
+        if not len(rows):
+            continue
+        name_of_row = name[class_of[rows]]
         looks, starts = _looks(here, rows, whitener)
         asking = np.flatnonzero(classes_there == one_class)
-        found.of_class[asking] = len(rows)
+        found.rivals[asking] = np.sum(np.exp(name_of_row))
         for start in range(0, len(asking), _AT_ONCE):
             asked = asking[start : start + _AT_ONCE]
             own, own_starts = _looks(there, asked, whitener)
@@ -130,6 +140,7 @@ def _find_candidates(here: Side, there: Side, whitener: Whitener) -> _Candidates
             width = best.shape[1]
             found.row[asked, :width] = rows[best]
             found.cosine[asked, :width] = np.take_along_axis(cosine, best, axis=1)
+            found.name[asked, :width] = name_of_row[best]
     return found
 
 
@@ -145,7 +156,7 @@ def _looks(
 def _own_evidence(
     here: Side, there: Side, candidates: _Candidates, scene: Scene, t: th.PlusThresholds
 ) -> Float[np.ndarray, "M C"]:
-    """Log odds of looks and background of each candidate, less those of its rivals; else -inf."""
+    """Log odds of looks, background and name of each candidate, less its rivals; else -inf."""
     looks = np.asarray(look_odds_of(jnp.asarray(candidates.cosine), scene, t))
     looks = np.clip(looks, t.looks.worst, t.looks.best)
     rings = [_rings(side, np.asarray(scene.ring_mean)) for side in (here, there)]
@@ -154,8 +165,8 @@ def _own_evidence(
     ring = RING_SLOPE * (cosine - RING_MIDDLE)
     ring = t.looks.ring_weight * np.clip(ring, -RING_BEST, RING_BEST)
     ring = np.where(known[0][candidates.row] & known[1][:, None], ring, 0.0)
-    rivals = np.maximum(candidates.of_class, FREE_RIVALS) / FREE_RIVALS
-    odds = looks + ring - t.decision.crowd * np.log(rivals)[:, None]
+    rivals = np.maximum(candidates.rivals, FREE_RIVALS) / FREE_RIVALS
+    odds = looks + ring + candidates.name - t.decision.crowd * np.log(rivals)[:, None]
     return np.where(candidates.row == NOBODY, -np.inf, odds)
 
 

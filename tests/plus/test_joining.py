@@ -48,10 +48,10 @@ def memory(*groups, next_id=40):
     return dataclasses.replace(state, next_id=np.int32(next_id), frame=np.int32(33))
 
 
-def joined(state, other):
+def joined(state, other, class_ids=ONE_CLASS):
     at_rest = ObjectsAtRest()
     thresholds = PlusThresholds()
-    return join(state, at_rest, other, ObjectsAtRest(), ONE_CLASS, thresholds), at_rest
+    return join(state, at_rest, other, ObjectsAtRest(), class_ids, thresholds), at_rest
 
 
 def test_nothing_of_this_memory_changes_and_all_of_the_other_comes():
@@ -124,6 +124,15 @@ def test_what_rests_in_either_memory_is_matched_like_the_others():
     assert sorted(found.matched) == [(one, 40 + one) for one in range(5)]
     assert sorted(at_rest[0].ids()) == [0, 1, 3, *range(40, 45)]
     assert by_id(state)["id"].tolist() == [2, 4]
+
+
+@pytest.mark.parametrize("flips", [0, 10])
+def test_another_name_counts_as_the_detector_was_seen_to_change_it(flips):
+    group = {0: 0, 1: 1, 2: 2, 3: 3}
+    state, other = memory(group), memory(group)
+    state.scene.names[:2, :2] = [[SEEN, flips], [0, SEEN]]
+    (_, found), _ = joined(state, other, class_ids=np.ones(1, int))
+    assert len(found.matched) == (len(group) if flips else 0)
 
 
 def test_nothing_is_known_where_nothing_is_shared():
