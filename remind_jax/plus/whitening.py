@@ -31,6 +31,7 @@ from remind_jax.plus.static import REFRESH_FRAMES
 EAGER_FRAMES = 5  # the whitening is renewed in each of the first frames
 _TINY = 1e-9
 RESOLUTION = 1e-4  # nearer to the mean of all looks, a direction is that of rounding
+REST = 0.01  # of the mean variance: directions that vary less are not searched for
 TEACHES = 16.0  # detections of an object that teach in full
 MEAN_SAMPLES = 3000.0  # running means forget beyond this many
 SCATTER_DECAY = 0.9995  # what each sample leaves of the scatter so far
@@ -174,7 +175,9 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     basis = scene.basis
     if directions < dim:
         # One step of orthogonal iteration at each renewal follows the main directions.
-        basis = orthonormalize(total @ basis + _TINY * basis)
+        # Directions that no look spans yet stay, or rounding would decide which they are.
+        rest = REST * jnp.sum(diagonal(total)) / directions + _TINY
+        basis = orthonormalize(total @ basis + rest * basis)
         total, within = basis.T @ total @ basis, basis.T @ within @ basis
     else:
         basis = jnp.eye(dim, dtype=total.dtype)

@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from remind_jax.plus import whitening
+from remind_jax.plus.state import init
 from remind_jax.plus.whitening import whiten
+from remind_jax.static import Static
 from tests.plus.frames import T, detections, empty_state, objects_of
 
 learn_scatter = jax.jit(whitening.learn_scatter)
@@ -98,3 +100,24 @@ def test_what_rounding_alone_tells_from_the_mean_of_all_has_no_direction():
     scene = dataclasses.replace(state.scene, white_mean=jnp.asarray(KIND, jnp.float32))
     white = whiten(scene, jnp.asarray(KIND + noise, jnp.float32))
     np.testing.assert_array_equal(white, np.zeros_like(white))
+
+
+def test_directions_that_no_look_spans_yet_are_not_those_of_rounding():
+    """Few looks leave most directions open; a look that is new to the scene lies in these."""
+    dim, num = 128, 3
+    rng = np.random.default_rng(6)
+    looks, new = rng.normal(size=(2, num, dim)).astype(np.float32)
+    state = init(Static(num_detections=num, num_objects=4, feature_dim=dim))
+
+    def cosines(rounding: float) -> np.ndarray:
+        scene = state.scene
+        for frame in map(jnp.int32, range(9)):
+            shown = looks * (1 + rounding * rng.normal(size=looks.shape))
+            seen = detections(np.zeros((num, 2)), shown, ring=np.zeros_like(looks))
+            steps = jnp.asarray(shown - looks, jnp.float32)
+            scene = learn_scatter(scene, seen, steps, jnp.ones(num, bool), FULL, frame)
+            scene, _ = renew_whitening(scene, state.objects, frame, T.looks)
+        return np.asarray(whiten(scene, new) @ whiten(scene, new).T)
+
+    # 1e-6 is some ten units of rounding; were it to choose the directions, 2e-3 would come of it.
+    np.testing.assert_allclose(cosines(1e-6), cosines(0.0), atol=2e-4)
