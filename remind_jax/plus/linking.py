@@ -43,6 +43,7 @@ DISTANCE_MAX = 4.0  # relative distances count up to here
 DISTANCE_SLACK = 0.12  # added to the scale of distances per tick unseen, length
 LOOK_MIDDLE = 0.4  # cosine that says nothing
 SIZE_LOSS = 0.5  # per log ratio of sizes, log odds
+TRUST_SLOPE = 2.0  # log odds of one link beside another per difference of scores
 # Looks that contradict.
 UNLIKE = 1.5  # most loss where the image motion is believed, log odds
 ASSUMED_LINKS = 10.0  # samples that what is assumed of looks in two frames counts for
@@ -181,6 +182,30 @@ def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
     num = len(links.score)
     alone, one_group = jnp.full(num, t.least), jnp.zeros(num, jnp.int32)
     return assign_in_graph(links.score, links.possible, one_group, alone, jnp.array(True))
+
+
+def trust_links(links: Links, origin: Int[Array, "N"], t: th.Linking) -> Float[Array, "N"]:
+    """How probable each link is beside those with another tracklet; 1 where there is none.
+
+    Rule: method_plus.md#answers. What goes on with that tracklet goes on with this one instead, or
+    is the first of a new one.
+
+    Args:
+      links: All that may go on.
+      origin: The tracklet that each detection goes on with.
+      t: Weights.
+    """
+    num = links.score.shape[1]
+    linked, at = origin != NO_SLOT, jnp.maximum(origin, 0)[:, None]
+    holder = rows_of(origin, linked, num)
+    by = jnp.maximum(holder, 0)
+    own = jnp.take_along_axis(links.score, at, axis=1)
+    exchanged = jnp.maximum(links.score[by, at], t.least)
+    lost = own + jnp.where(holder != NO_ROW, own[by, 0] - exchanged, 0.0)
+    others = links.possible & (jnp.arange(num) != at)
+    odds = jnp.exp(TRUST_SLOPE * jnp.minimum(links.score - lost, 0.0))
+    wrong = jnp.sum(jnp.where(others, odds, 0.0), axis=1)
+    return jnp.where(linked, 1.0 / (1.0 + wrong), 1.0)
 
 
 def advance_tracklets(

@@ -46,6 +46,7 @@ from remind_jax.plus.linking import (
     learn_links,
     link,
     link_odds,
+    trust_links,
 )
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings
@@ -166,6 +167,8 @@ def _advance(
         t.mobility,
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
+    trust = trust_links(links, origin, t.linking)
+    here = dataclasses.replace(here, belief=here.belief * trust)
     # Which differences of looks matter in this scene?
     share = jnp.where(counts, share_of(here, objects), 0.0)
     scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, share, frame)
