@@ -81,26 +81,6 @@ def test_flipped_bytes_anywhere_are_found(counting, tmp_path):
         assert file.read_bytes() == whole
 
 
-def test_swapped_files_are_made_again(counting, tmp_path):
-    cached = cache_features(counting.backbone, tmp_path)
-    expected = np.asarray(cached.extract(IMAGES))
-    one, two, _ = (tmp_path / place_of(image, counting.backbone) for image in IMAGES)
-    first, second = one.read_bytes(), two.read_bytes()
-    one.write_bytes(second)
-    two.write_bytes(first)
-    np.testing.assert_array_equal(cached.extract(IMAGES), expected)
-    assert counting.num_images == 5
-    assert (one.read_bytes(), two.read_bytes()) == (first, second)
-
-
-def test_an_empty_folder_in_the_place_of_a_file_is_removed(counting, tmp_path):
-    cached = cache_features(counting.backbone, tmp_path)
-    file = tmp_path / place_of(IMAGES[0], counting.backbone)
-    file.mkdir(parents=True)
-    cached.extract(IMAGES[:1])
-    assert file.is_file()
-
-
 @pytest.mark.parametrize("content", [b"", b"\x93NUMPY", b"rubbish", None])
 def test_damaged_files_are_made_again(counting, tmp_path, content):
     cached = cache_features(counting.backbone, tmp_path)
@@ -110,14 +90,6 @@ def test_damaged_files_are_made_again(counting, tmp_path, content):
     np.testing.assert_array_equal(cached.extract(IMAGES[:1]), expected)
     assert counting.num_images == 2
     np.testing.assert_array_equal(np.load(file), expected[0])
-
-
-def test_features_of_another_shape_are_not_taken(counting, tmp_path):
-    cached = cache_features(counting.backbone, tmp_path)
-    file = tmp_path / place_of(IMAGES[0], counting.backbone)
-    file.parent.mkdir()
-    np.save(file, np.zeros((2, 3, 4), np.float32))
-    assert cached.extract(IMAGES[:1]).shape == (1, 2, 3, 3)
 
 
 @pytest.mark.parametrize("when", ["np.save", "os.replace"])
@@ -138,12 +110,6 @@ def test_an_interruption_leaves_no_half_file(counting, tmp_path, monkeypatch, wh
     files = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert files == [tmp_path / place_of(IMAGES[0], counting.backbone)]
     np.testing.assert_array_equal(cached.extract(IMAGES), Counting().apply(IMAGES))
-
-
-def test_a_folder_that_cannot_be_made(counting, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot make the output folder"):
-        cache_features(counting.backbone, tmp_path / "file" / "folder")
 
 
 def test_a_folder_that_cannot_be_written_to(counting, tmp_path):

@@ -1,13 +1,9 @@
 import importlib
-import json
 from pathlib import Path
 from types import ModuleType
 
-import cv2
 import numpy as np
 import pytest
-
-from remind_jax.backbone import get_backbone
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -41,23 +37,3 @@ def test_cosines_are_sorted_by_kind_and_distance(benchmark_module):
         "far same": [0.6] * 3,
         "far class": [0.8] * 3,
     }
-
-
-def test_measures_a_folder_of_two_colored_squares(benchmark_module, tmp_path):
-    folder = tmp_path / "squares"
-    for kind in ("JPEGImages", "Annotations"):
-        (folder / kind / "squares").mkdir(parents=True)
-    (folder / "metadata.json").write_text(json.dumps({"id_to_class": {"1": "box", "2": "box"}}))
-    for frame in range(41):
-        image, labels = np.full((70, 100, 3), 90, np.uint8), np.zeros((70, 100), np.uint8)
-        for instance, color in ((1, (40, 40, 200)), (2, (200, 90, 30))):
-            left = 5 + frame // 4 + 45 * (instance - 1)
-            image[20:50, left : left + 30] = color
-            labels[20:50, left : left + 30] = instance
-        cv2.imwrite(str(folder / "JPEGImages" / "squares" / f"{frame:05d}.jpg"), image)
-        cv2.imwrite(str(folder / "Annotations" / "squares" / f"{frame:05d}.png"), labels)
-    records = benchmark_module.measure(tmp_path, get_backbone())
-    assert [record["dim"] for record in records] == [get_backbone().dim, 16 * 8 * 4]
-    for record in records:
-        assert record["rank_1"] == {"30": 1.0, "100": None}
-        assert record["queries"] == {"30": 8, "100": 0}

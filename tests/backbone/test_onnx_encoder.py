@@ -66,13 +66,6 @@ def test_grids_and_tokens_are_recognized_and_read(tmp_path, kind):
     np.testing.assert_allclose(backbone.extract(IMAGES), expected(), rtol=0, atol=1e-3)
 
 
-def test_other_statistics(tmp_path):
-    path = write_encoder(tmp_path / "tiny.onnx", "grid")
-    half = get_backbone(f"onnx:{path}", mean=(0.5,) * 3, std=(0.5,) * 3)
-    np.testing.assert_allclose(half.extract(IMAGES), expected(0.5, 0.5), rtol=0, atol=1e-3)
-    assert half.fingerprint != get_backbone(f"onnx:{path}").fingerprint
-
-
 def test_of_several_outputs_those_meant_have_to_be_named(tmp_path):
     path = write_encoder(tmp_path / "tiny.onnx", "both")
     several = r"several outputs of patches, 'tokens' \(16 pixels\), 'grid' .* 'onnx:.*#tokens'"
@@ -91,19 +84,6 @@ def test_of_several_outputs_those_meant_have_to_be_named(tmp_path):
         get_backbone(f"onnx:{path}#tokens,pooled")
     with pytest.raises(ConfigError, match="names an output, and output='grid' another"):
         get_backbone(f"onnx:{path}#tokens", output="grid")
-
-
-def test_a_hash_may_be_part_of_a_name(tmp_path):
-    path = write_encoder(tmp_path / "tiny#2.onnx", "grid")
-    assert get_backbone(f"onnx:{path}").dim == 5
-
-
-def test_grids_of_several_sizes_are_not_put_side_by_side(tmp_path):
-    answers = {"fine": np.zeros((1, 3, 12, 20)), "coarse": np.zeros((1, 4, 6, 10))}
-    path = write_fixed_answer(tmp_path / "a.onnx", answers, (1, 3, 48, 80))
-    assert get_backbone(f"onnx:{path}#coarse").patch_px == 8
-    with pytest.raises(ConfigError, match=r"several sizes, 'fine' \(4 pixels\), 'coarse' \(8"):
-        get_backbone(f"onnx:{path}#fine,coarse")
 
 
 def test_a_frame_of_the_fixed_size_is_seen_as_it_is(tmp_path):
@@ -131,15 +111,6 @@ def test_frames_of_other_sizes_are_scaled_and_tokens_mapped_back(tmp_path, side,
     np.testing.assert_allclose(corners, features, rtol=0, atol=reach)
 
 
-@pytest.mark.parametrize("side", [64, 128, 256])
-@pytest.mark.parametrize("size", [(64, 128), (112, 160), (160, 48)])
-def test_bars_are_never_seen_as_a_piece_of_the_frame(tmp_path, size, side):
-    path = write_encoder(tmp_path / "tiny.onnx", "grid", (1, 3, side, side))
-    frame = np.broadcast_to(np.array([250, 5, 90], np.uint8), (*size, 3))
-    found = np.asarray(get_backbone(f"onnx:{path}").extract(frame[None])[0])
-    np.testing.assert_allclose(found, np.broadcast_to(found[0, 0], found.shape), atol=1e-4)
-
-
 @pytest.mark.parametrize("inputs", [OPEN, (1, 3, 48, 80)])
 def test_files_in_the_format_of_onnxruntime(tmp_path, inputs):
     import onnxruntime
@@ -157,12 +128,6 @@ def test_files_in_the_format_of_onnxruntime(tmp_path, inputs):
         get_backbone(f"onnx:{tmp_path / 'cut.ort'}")
     with pytest.raises(WeightsError, match="does not exist"):
         get_backbone(f"onnx:{tmp_path / 'missing.ort'}")
-
-
-def test_network_without_patches(tmp_path):
-    path = write_fixed_answer(tmp_path / "a.onnx", {"logits": np.zeros((1, 1000))}, OPEN)
-    with pytest.raises(WeightsError, match=r"no output .* its outputs are logits \[1, 1000\]"):
-        get_backbone(f"onnx:{path}")
 
 
 def test_output_that_does_not_follow_the_image(tmp_path):

@@ -77,15 +77,6 @@ def test_a_size_compiles_once_and_repeats_exactly(caplog):
         assert [record for record in caplog.records if "patch_statistics" in record.message]
 
 
-def test_batch_equals_single_images():
-    images = np.stack([paint_tiles(3, 4, seed) for seed in range(2)])
-    together = get_backbone().extract(images)
-    for image, features in zip(images, together, strict=True):
-        single = get_backbone().extract(image[None])[0]
-        # Batched sums may run in another order.
-        np.testing.assert_allclose(features, single, atol=FLOAT32_SUM)
-
-
 def test_traces_and_stays_float32_in_double_precision_mode():
     image = paint_tiles(3, 4)[None]
     expected = np.asarray(get_backbone().extract(image))
@@ -116,22 +107,6 @@ def test_dimmer_light_with_noise_leaves_an_object_what_it_was(gain, seed):
     # 0.75 is where the published tracker calls two views a match.
     assert same.min() > 0.85
     assert ((bright @ dark.T).argmax(1) == np.arange(len(bright))).all()
-
-
-def test_different_colors_are_far_apart():
-    tiles = describe_tiles(paint_tiles(3, 4))
-    color = np.arange(len(tiles)) % len(PALETTE)
-    assert (tiles @ tiles.T)[color[:, None] != color].max() < 0.75
-
-
-def test_centering_changes_the_common_part_only():
-    image = paint_tiles(3, 4)[None]
-    raw = np.asarray(get_backbone(centering=0.0).extract(image))
-    centerd = np.asarray(get_backbone().extract(image))
-    common = (raw - centerd).reshape(-1, raw.shape[-1])
-    np.testing.assert_allclose(common, np.broadcast_to(common[0], common.shape), atol=FLOAT32_SUM)
-    assert (raw >= 0).all()
-    assert np.linalg.norm(common[0]) > 1
 
 
 def test_histograms_sum_to_one_and_match_the_typical_ones():

@@ -124,16 +124,6 @@ def test_the_other_rule_of_resampling_is_that_of_hugging_face(stem):
         assert difference(tokens, network, size) > 1000 * OUTPUTS
 
 
-def test_images_of_a_batch_do_not_see_each_other():
-    network, weights = golden.load("dinov2_tiny_reg"), converted("dinov2_tiny_reg")
-    first = network.image("42x84")
-    both = np.concatenate([first, first[:, ::-1]])
-    for method in ("plain", "chunked"):
-        tokens = run(weights, both, Numerics(attention=method))
-        assert difference(tokens, network, "42x84") < OUTPUTS
-        assert np.abs(tokens.patches[0] - tokens.patches[1]).max() > 0.1
-
-
 def test_what_does_not_fill_a_patch_is_left_out():
     network, weights = golden.load("dinov3_tiny_mlp"), converted("dinov3_tiny_mlp")
     image = np.pad(network.image("64x112"), [(0, 0), (0, 15), (0, 9), (0, 0)])
@@ -161,16 +151,6 @@ def test_attention_of_objects_is_the_block_of_the_whole_map(stem):
     assert not np.asarray(among.row_sums)[0, [1, 5]].any()
 
 
-def test_attention_of_chosen_heads():
-    network, weights = golden.load("dinov3_tiny_swiglu"), converted("dinov3_tiny_swiglu")
-    per_head = network.arrays["80x80/attention_heads"]
-    everything = np.arange(per_head.shape[1])[None]
-    tokens = run(weights, network.image("80x80"), objects=everything, heads=(2, 0))
-    assert tokens.object_attention is not None
-    expected = per_head[[2, 0]].mean(0)
-    assert np.abs(tokens.object_attention.block[0] - expected).max() < ATTENTION
-
-
 @pytest.mark.parametrize("stem", first_only(["dinov3_tiny_mlp", "dino_tiny", "dinov2_tiny_swiglu"]))
 def test_bfloat16_rounds_little(stem):
     """With weights far sharper than trained ones; each token points where it did."""
@@ -183,28 +163,6 @@ def test_bfloat16_rounds_little(stem):
     lengths = np.linalg.norm(exact, axis=-1) * np.linalg.norm(rounded, axis=-1)
     assert ((exact * rounded).sum(-1) / lengths).min() > 0.9995
     assert np.abs(exact - rounded).max() > 1e-3
-
-
-def test_early_blocks_are_not_rounded():
-    network, weights = golden.load("dinov3_s16"), converted("dinov3_s16")
-    names = ("embedding", "block_2", "block_3", "cls_attention_2", "cls_attention_3")
-    objects = np.array([[0, 5, NO_PATCH]])
-    image = network.image(network.sizes[0])
-    (exact, kept), (rounded, kept_rounded) = (
-        run_keeping(weights, image, Numerics(dtype), objects=objects)
-        for dtype in (jnp.float32, jnp.bfloat16)
-    )
-    apart = {name: np.abs(kept[name] - kept_rounded[name]).max() for name in names}
-    # A quarter of twelve blocks; the fourth sees their stream and rounds it.
-    assert max(apart["embedding"], apart["block_2"], apart["cls_attention_2"]) < 1e-5
-    assert apart["block_3"] > 1e-3
-    assert apart["cls_attention_3"] > 1e-5
-    # Means over all blocks; entries of a row of attention add up to one.
-    assert exact.object_attention is not None
-    assert rounded.object_attention is not None
-    np.testing.assert_allclose(
-        exact.object_attention.row_sums, rounded.object_attention.row_sums, rtol=0, atol=1e-2
-    )
 
 
 def test_weights_arranged_beforehand_change_nothing():

@@ -9,11 +9,9 @@ import pytest
 from scipy.special import softmax
 
 from remind_jax.backbone.vit_attention import (
-    METHODS,
     NO_PATCH,
     attend,
     attention_among,
-    attention_of_token,
 )
 
 EXACT = jax.lax.Precision.HIGHEST
@@ -49,12 +47,6 @@ def test_chunked_attention_of_scores_of_any_size(size):
     np.testing.assert_allclose(plain, chunked, rtol=0, atol=1e-5 if size < 10 else 1e-3)
 
 
-def test_attention_of_one_token_is_its_row():
-    q, k = draw(2, 2, 3, 37, 8)
-    row = attention_of_token(q[:, :, 5], k, EXACT)
-    np.testing.assert_allclose(row, whole_map(q, k)[:, :, 5], rtol=0, atol=1e-6)
-
-
 @pytest.mark.parametrize("heads", [None, (2,), (0, 2)])
 def test_attention_among_patches_is_a_block_of_the_mean_over_heads(heads):
     num_prefix, patches = 2, np.array([[4, NO_PATCH, 0]])
@@ -69,7 +61,3 @@ def test_attention_among_patches_is_a_block_of_the_mean_over_heads(heads):
     assert not found.row_sums[0, 1]
     assert not found.block[0, 1].any()
     assert not found.block[0, :, 1].any()
-
-
-def test_methods_are_listed():
-    assert set(METHODS) == {"plain", "chunked", "cudnn"}

@@ -13,9 +13,8 @@ import pytest
 from safetensors import safe_open
 
 from remind_jax.backbone import get_backbone
-from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.published_weights import PUBLISHED
-from remind_jax.backbone.vit_variants import TERMS, VARIANTS
+from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.backbone.weights_download import obtain_weights, place_of_original
 from remind_jax.errors import OutputError, WeightsError
@@ -54,12 +53,6 @@ class TestFetching:
         assert published.kept == CONVERTED
         assert load_weights(published.cache / CONVERTED[0], NAME).variant.position == "offset"
 
-    def test_once(self, published):
-        first = obtain_weights(NAME)
-        asked = len(published.hub.requests)
-        assert obtain_weights(NAME) == first
-        assert len(published.hub.requests) == asked
-
     def test_the_file_says_where_it_comes_from(self, published):
         with safe_open(obtain_weights(NAME), framework="np") as file:
             said = file.metadata()
@@ -76,19 +69,6 @@ class TestFetching:
     def test_given_weights_are_never_replaced(self, published, tmp_path):
         assert "no weights" in told(given=tmp_path / "mistyped.safetensors")
         assert published.hub.requests == []
-
-    def test_license_and_size_are_said_once(self, published, capfd):
-        obtain_weights(NAME)
-        obtain_weights(NAME)
-        out, err = capfd.readouterr()
-        assert (out, err.count("\n")) == ("", 1)
-        assert "Apache-2.0" in err
-        assert TERMS["dinov2"].license_url in err
-        assert f"(0.7 MiB) of {REPOSITORY}/" in err
-
-    def test_quiet_is_quiet(self, published, capfd):
-        open_backbone(NAME, quiet=True)
-        assert capfd.readouterr() == ("", "")
 
     def test_a_file_of_an_authors_server(self, published):
         published.publish_plain()
@@ -137,14 +117,6 @@ class TestHub:
             assert "HF_TOKEN" in sentence
             assert published.kept == []
 
-    def test_gated_with_access(self, published, monkeypatch):
-        published.publish(is_gated=True)
-        behavior = published.hub.behavior
-        behavior.token, behavior.is_gated = "hf_right", True
-        monkeypatch.setenv("HF_TOKEN", "hf_right")
-        obtain_weights(NAME)
-        assert published.kept == CONVERTED
-
     @pytest.mark.parametrize(
         "trouble",
         [{"missing": "RepoNotFound"}, {"missing": "EntryNotFound"}, {"token": "x"}],
@@ -164,12 +136,6 @@ class TestHub:
         assert str(PUBLISHED[NAME].sha256) in sentence
         assert published.kept == []
 
-    def test_more_content_than_is_published(self, published):
-        published.publish_plain()
-        published.hub.files[PLAIN] += b"more"
-        assert "is not the published file" in told()
-        assert published.kept == []
-
 
 class TestInterruptions:
     def test_a_connection_that_is_cut(self, published):
@@ -179,12 +145,6 @@ class TestInterruptions:
         published.hub.behavior.cuts_after = None
         obtain_weights(NAME)
         assert published.kept == CONVERTED
-
-    def test_an_authors_server_that_hangs_up(self, published):
-        published.publish_plain()
-        published.hub.behavior.cuts_after = 1000
-        assert "nothing was kept" in told()
-        assert published.kept == []
 
     def test_offline(self, published, monkeypatch):
         from huggingface_hub import constants
@@ -206,14 +166,6 @@ class TestInterruptions:
         place.write_bytes(published.content)
         obtain_weights(NAME)
         assert published.kept == CONVERTED
-
-    def test_without_the_library(self, published, monkeypatch):
-        monkeypatch.setitem(sys.modules, "huggingface_hub", None)
-        assert "pip install 'remind-jax[hub]', or bring " in told()
-
-    def test_a_folder_that_cannot_be_made(self, published):
-        published.cache.parent.write_text("a file")
-        assert "cannot make the output folder" in told()
 
 
 # A fresh process, which knows the made network and reads the environment as users set it.

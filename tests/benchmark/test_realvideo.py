@@ -67,14 +67,6 @@ def test_the_truth_is_all_right(clip):
     assert (found["IDs"], found["GT_IDs"]) == (3, 3)
 
 
-def test_the_longer_name_is_the_right_one(clip):
-    found = scores(clip, renamed({1: 9}))
-    assert (found["recovered"], found["kept"], found["at_once"]) == (1, 1, 1)
-    assert found["IDs"] == 4
-    rows = clip.rows.shape[1]
-    assert found["IDF1"] == pytest.approx((rows - VISIT) / rows)
-
-
 def test_an_answer_that_comes_late_is_recovered_and_not_kept(clip):
     last = len(clip.labels) - 1
 
@@ -103,13 +95,6 @@ def test_confidence_is_compared_with_the_share_right(clip):
     found = scores(clip, lambda t, who: who, sure=0.8)
     assert found["ece"] == pytest.approx(0.2)
     assert np.isnan(found["sure_right"])
-
-
-def test_classes_can_be_joined_or_left_out(clip):
-    assert {d["label"] for line in clip.one_class().lines for d in line["detections"]} == {"thing"}
-    people = clip.only("person")
-    assert set(people.rows[2].tolist()) == {1, 2}
-    assert len(people.lines[0]["detections"]) == len(people.labels[0]) == 2
 
 
 def test_tables_have_a_pooled_row_with_intervals(clip):

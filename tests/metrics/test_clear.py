@@ -4,40 +4,6 @@ import pytest
 
 from remind_jax.metrics.clear import clear_scores, count_clear
 from remind_jax.metrics.sequence import TrackingSequence
-from tests.metrics.tables import sequence_from_answers
-
-
-@pytest.mark.parametrize(
-    ("lines", "switches", "fragments"),
-    [
-        (["aaaaaaaaaa"], 0, 0),
-        (["aaaaaabbbb"], 1, 0),
-        (["aaaaabaaaa"], 2, 0),
-        (["aaa??bb", "ccccccc"], 1, 1),  # a switch across a gap
-        (["aaa??aa"], 0, 0),  # no prediction at all in between: no fragment
-        (["aaa??aa", "bbbbbbb"], 0, 1),
-        (["a?a?a?a", "bbbbbbb"], 0, 3),
-        (["?????"], 0, 0),
-    ],
-)
-def test_breaks_of_hand_made_tables(lines: list[str], switches: int, fragments: int):
-    counts = count_clear(sequence_from_answers(*lines))
-    assert (counts.switches, counts.fragments) == (switches, fragments)
-
-
-@pytest.mark.parametrize(
-    ("line", "tracked"),
-    [
-        ("aaaaaaaaaa", "MT"),
-        ("aaaaaaaa??", "PT"),
-        ("aaaaaaaaa?", "MT"),
-        ("aa????????", "PT"),
-        ("a?????????", "ML"),
-    ],
-)
-def test_tracked_shares_at_their_edges(line: str, tracked: str):
-    scores = clear_scores(count_clear(sequence_from_answers(line)))
-    assert {name for name in ("MT", "PT", "ML") if scores[name]} == {tracked}
 
 
 def test_continuity_beats_a_better_overlap():

@@ -26,17 +26,6 @@ def collapse(*rows: tuple[Outcome, int, dict[int, float]]) -> list[int]:
     return collapse_frame(Decisions(outcome, firm, pending, ids, scores)).tolist()
 
 
-def test_the_sum_of_scores_decides():
-    soft = Outcome.AMBIGUOUS
-    assert collapse((soft, 0, {7: 0.9, 8: 0.8}), (soft, 1, {7: 0.85, 8: 0.6})) == [8, 7]
-
-
-def test_ambiguous_and_provisional_are_settled_together():
-    first = (Outcome.AMBIGUOUS, 0, {7: 0.9})
-    second = (Outcome.PROVISIONAL_PARENT, 0, {7: 0.95, 8: 0.1})
-    assert collapse(first, second) == [7, 8]
-
-
 def test_firm_ids_are_taken():
     firm, soft = (Outcome.MATCH, 8, {}), (Outcome.AMBIGUOUS, 0, {8: 0.9, 7: 0.2})
     assert collapse(firm, soft) == [8, 7]

@@ -22,14 +22,6 @@ TABLE = ComparisonTable(
 )
 
 
-def test_text_has_every_cell():
-    text = TABLE.to_text()
-    assert "90.00" in text
-    assert "85.0 to 93.0" in text
-    assert "[peer]" in text
-    assert text.rstrip().endswith("Scores in percent")
-
-
 def test_methods_stand_beside_each_other_where_columns_do_not_fit():
     lines = TABLE.to_text(width=60).splitlines()
     assert max(map(len, lines)) <= 60
@@ -62,13 +54,6 @@ def test_nothing_is_best_without_a_rival():
     assert "**" not in ComparisonTable([Row("a", {"IDF1": 1.0})], ["IDF1"]).to_markdown()
     tied = ComparisonTable([Row("a", {"IDF1": 1.0}), Row("b", {"IDF1": 1.0})], ["IDF1"])
     assert tied.to_markdown().count("**1") == 2
-
-
-@pytest.mark.parametrize("ending", [".md", ".csv", ".tex", ".txt"])
-def test_saved_by_ending(tmp_path: Path, ending: str):
-    path = tmp_path / f"table{ending}"
-    TABLE.save(path)
-    assert "peer" in path.read_text(encoding="utf-8")
 
 
 def test_bad_paths_are_refused(tmp_path: Path):

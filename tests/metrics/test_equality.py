@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from remind_jax.metrics.clear import clear_scores, count_clear
-from remind_jax.metrics.combine import pool_counts
 from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
 from remind_jax.metrics.hota import count_hota, hota_scores
 from remind_jax.metrics.identity import count_identity, identity_scores
@@ -29,12 +28,3 @@ def test_pooled_masks_equal_trackeval():
     pooled = pool_evaluations([evaluate_sequence(sequence) for sequence in sequences]).fields()
     for family in ("HOTA", "CLEAR", "Identity", "Count"):
         assert_same_fields({name: pooled[name] for name in expected[family]}, expected[family])
-
-
-def test_pooling_is_more_than_one_mean():
-    sequences = [load_case("masks", name)[0] for name in ("one_switch", "crowded_12x60")]
-    counts = [count_identity(sequence) for sequence in sequences]
-    pooled = identity_scores(pool_counts(counts))["IDF1"]
-    each = [float(identity_scores(count)["IDF1"]) for count in counts]
-    assert min(each) < pooled < max(each)
-    assert abs(pooled - sum(each) / 2) > 0.01

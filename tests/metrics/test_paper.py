@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.metrics.collapse import BORN_BASE
 from remind_jax.metrics.decisions import NO_ROW, Decisions
 from remind_jax.metrics.paper import (
     PaperCounts,
@@ -130,8 +129,3 @@ def test_no_id_from_outside_of_a_candidate_set():
     candidates = sightings.decisions.candidate_id[soft]
     for number, shown in zip(collapsed[soft], candidates, strict=True):
         assert number == NO_ID or number in shown
-
-
-def test_a_birth_has_an_id_of_its_own():
-    sightings = sightings_of(CASES["perfect_10"])
-    assert collapse_scene(sightings).tolist() == [BORN_BASE + 7] + [7] * 9

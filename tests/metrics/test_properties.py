@@ -78,18 +78,6 @@ def test_two_sequences_in_a_row_are_two_sequences_pooled(first_seed: int, second
 
 @settings(deadline=None, max_examples=25)
 @given(SEEDS)
-def test_truth_and_predictions_swapped_swap_recall_and_precision(seed: int):
-    sequence = random_sequence(seed)
-    swapped = from_frames([(pred, gt, matrix.T) for gt, pred, matrix in per_frame(sequence)])
-    ours, theirs = evaluate_sequence(sequence).scores(), evaluate_sequence(swapped).scores()
-    twins = {"IDP": "IDR", "DetPr": "DetRe", "AssPr": "AssRe", "IDFP": "IDFN"}
-    same = {name: name for name in ("IDF1", "HOTA", "DetA", "AssA", "LocA", "IDTP")}
-    for name, twin in {**twins, **same}.items():
-        np.testing.assert_allclose(ours[name], theirs[twin], rtol=0, atol=ROUNDING)
-
-
-@settings(deadline=None, max_examples=25)
-@given(SEEDS)
 def test_truth_as_its_own_prediction_is_perfect(seed: int):
     frames = [(gt, gt, np.eye(len(gt))) for gt, _, _ in per_frame(random_sequence(seed))]
     scores = evaluate_sequence(from_frames(frames)).scores()
@@ -98,13 +86,3 @@ def test_truth_as_its_own_prediction_is_perfect(seed: int):
     assert scores["IDSW"] == 0
     if scores["Opportunities"]:
         assert scores["HardRecovery"] == 1.0
-
-
-@settings(deadline=None, max_examples=25)
-@given(SEEDS)
-def test_counts_add_up(seed: int):
-    scores = evaluate_sequence(random_sequence(seed)).scores()
-    assert scores["CLR_TP"] + scores["CLR_FN"] == scores["GT_Dets"]
-    assert scores["IDTP"] + scores["IDFP"] == scores["Dets"]
-    assert scores["HOTA_TP"] + scores["HOTA_FP"] == scores["Dets"]
-    assert scores["HardRecovered"] <= scores["Recovered"] <= scores["Opportunities"]

@@ -76,20 +76,6 @@ def test_a_return_may_need_a_longer_absence():
     assert [float(one.recovered) for one in counts] == [2, 1, 1, 0]
 
 
-def test_the_papers_example_from_a_sequence():
-    sequence = sequence_from_answers("aaaa...ba....aa.bb")
-    answers = collect_answers(sequence)
-    counts = sum_counts(count_recovery(answers, find_reference(answers)))
-    assert (counts.opportunities, counts.recovered, counts.hard_recovered) == (3, 2, 1)
-
-
-def test_one_name_for_everything_gains_nothing_one_to_one():
-    sequence = sequence_from_answers("aaa......aaa", "...aaa.aa...")
-    answers = collect_answers(sequence)
-    counts = count_recovery(answers, find_reference(answers))
-    assert recovery_scores(sum_counts(counts))["Recovery"] == 0.5
-
-
 def test_weak_overlaps_answer_only_if_admitted():
     sequence = TrackingSequence.from_frames(
         [[1], [], [1]], [[4], [], [4]], [[[0.3]], [[]], [[0.3]]]

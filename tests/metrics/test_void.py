@@ -67,24 +67,6 @@ def test_scores_equal_trackeval_on_cut_masks(tmp_path: Path, name: str):
     assert differs == name.startswith("void")
 
 
-def test_a_prediction_wholly_in_void_is_nothing(tmp_path: Path):
-    truth, answers = np.zeros((2, 1, 6, 8), np.uint8)
-    truth[0, :, :3], truth[0, :, 5:] = 1, VOID
-    answers[0, :, :3], answers[0, :3, 6:] = 7, 8
-    answers[0, 3:, 4:] = 9  # a third of it outside: a false positive
-    scores = evaluate(
-        write_maps(tmp_path / "truth", truth), write_maps(tmp_path / "answers", answers)
-    ).scores()
-    assert (scores["CLR_TP"], scores["CLR_FP"], scores["IDs"], scores["MOTP"]) == (1, 1, 2, 1.0)
-
-
-def test_a_frame_of_void_has_no_prediction(tmp_path: Path):
-    truth, answers = np.full((1, 4, 4), VOID), np.full((1, 4, 4), 3)
-    paired = pair(tmp_path, truth, answers)
-    assert len(paired.prediction) == len(paired.sequence.pred_id) == 0
-    assert paired.sequence.num_frames == 1
-
-
 def test_void_is_cut_at_the_scale_of_the_truth(tmp_path: Path):
     truth = np.zeros((1, 6, 8), np.uint8)
     truth[0, :, :3], truth[0, :, 3:5] = 1, VOID

@@ -6,13 +6,11 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from remind_jax.decision import Outcome, no_decisions
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.outcome import rank_candidates
-from remind_jax.remind.stages import Lock, MatchOrigin
 from remind_jax.remind.state import init
 from tests.remind.association.tables import SLOTS, STATIC, decide_frames, empty_frame, visual_frame
 
@@ -55,22 +53,3 @@ def test_more_candidates_shown_than_objects_and_fewer(x64):
         expected = [[11, 12, 10], [10, NO_ID, NO_ID]]
         assert listed.shape == rows.shape == (2, shown)
         assert [row[:3] for row in listed.tolist()] == [row[:shown] for row in expected]
-
-
-@pytest.mark.parametrize(
-    ("rows", "lock"),
-    [([{0: 0.95}], Lock.OBJECT), ([{0: 0.80}], Lock.NONE)],
-)
-def test_what_gave_a_match_its_object(x64, rows, lock):
-    d = decide_frames([visual_frame(rows)]).decisions
-    assert (d.outcome[0, 0], d.source[0, 0]) == (Outcome.MATCH, MatchOrigin.ASSOCIATION)
-    assert d.lock[0, 0] == lock
-    assert d.assigned_id[0, 0] == d.guarded_id[0, 0] == d.object_id[0, 0] == 0
-
-
-def test_undecided_detections_hold_no_object_but_show_what_was_assigned(x64):
-    d = decide_frames([visual_frame([{0: 0.80, 1: 0.79}, {0: 0.78, 1: 0.78}])]).decisions
-    assert (d.object_id[0] == NO_ID).all()
-    assert (d.source[0] == MatchOrigin.NONE).all()
-    assert sorted(d.assigned_id[0, :2].tolist()) == [0, 1]
-    assert (d.guarded_id[0, :2] == NO_ID).all()

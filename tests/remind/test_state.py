@@ -90,11 +90,3 @@ def test_no_two_leaves_share_a_buffer(make):
         for leaf in leaves
     }
     assert len(pointers) == len(leaves)
-
-
-def test_state_can_be_donated_and_is_few_leaves():
-    state = init(STATIC)
-    leaves = len(jax.tree.leaves(state))
-    advanced = jax.jit(lambda s: dataclasses.replace(s, frame=s.frame + 1), donate_argnums=0)(state)
-    assert advanced.frame == 1
-    assert leaves < 150

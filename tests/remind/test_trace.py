@@ -37,11 +37,6 @@ def rows_of(state):
     return np.flatnonzero(state.decisions.outcome != Outcome.EMPTY)
 
 
-def test_shape_does_not_depend_on_the_frame(steps):
-    shapes = {str(jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), trace)) for _, trace in steps}
-    assert len(shapes) == 1
-
-
 def test_visual_score_is_the_weighted_mean_of_its_terms(steps):
     checked = 0
     for _, trace in steps:
@@ -78,14 +73,6 @@ def test_named_objects_are_among_the_candidates(steps):
             named |= set(trace.detections.passes.option_id[row].ravel().tolist())
             assert (named & known) <= shown
         known = set(state.objects.id.tolist()) - {NO_ID}
-
-
-def test_anchors_are_those_of_the_stages(steps):
-    for _, trace in steps:
-        anchors = trace.detections.anchor_id != NO_ID
-        np.testing.assert_array_equal(anchors, trace.stages.is_anchor)
-        best = trace.detections.candidates.id[:, 0]
-        np.testing.assert_array_equal(trace.detections.anchor_id[anchors], best[anchors])
 
 
 def test_sets_explain_as_many_detections_as_they_have_members(steps):

@@ -148,17 +148,6 @@ def test_scenes_and_thresholds_of_a_sweep_are_those_of_a_loop(sweep):
     )
 
 
-@pytest.mark.slow
-def test_large_capacities_change_nothing(frames):
-    medium = change_static(world.STATIC, num_detections=16, num_objects=64, num_pending=32)
-    large = change_static(medium, num_objects=256, num_pending=128)
-    padded = world.pad(frames, medium.num_detections)
-    few, many = world.run(padded, medium), world.run(padded, large)
-    for small, big in zip(few, many, strict=True):
-        assert_same(world.decided(small), world.decided(big))
-    assert_same_state(METHOD.enlarge(few[-1], large), many[-1])
-
-
 @pytest.mark.parametrize("start", [0, 15])
 def test_order_of_detections_changes_only_ids_of_simultaneous_births(followed, start):
     """From frame 15 on nothing is born: then shuffling changes nothing at all.

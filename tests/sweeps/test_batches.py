@@ -79,17 +79,6 @@ def test_a_lane_that_fails_ends_the_batch(monkeypatch, told):
         batches.run_batch(FRAMES, CONFIG, settings_of(4), STATIC)
 
 
-def test_lanes_are_the_cores_that_a_process_may_use(monkeypatch):
-    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 3, 5}, raising=False)
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    assert batches.count_lanes() == 3
-    for share, lanes in (("2", 2), ("16", 3), ("0", 3), ("some", 3)):
-        monkeypatch.setenv("OMP_NUM_THREADS", share)
-        assert batches.count_lanes() == lanes
-    monkeypatch.setattr("jax.local_device_count", lambda: 8)
-    assert batches.count_lanes() == 1
-
-
 def test_the_lanes_of_a_batch_fit_into_memory_together(monkeypatch, told):
     monkeypatch.setattr(batches, "count_lanes", lambda: 2)
     batch, needed = batches.plan_batch(FRAMES, CONFIG, STATIC, 32, 1 << 30)

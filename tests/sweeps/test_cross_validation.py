@@ -1,7 +1,5 @@
 """The setting reported on a scene was chosen without it."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -35,17 +33,6 @@ def test_choice_is_the_best_mean_over_the_others():
     for index, scene in enumerate("abc"):
         others = np.delete(column, index, axis=1).mean(axis=1)
         assert choose_without(result, scene) == int(np.argmax(others))
-
-
-def test_interval_holds_the_mean_and_narrows_with_agreement():
-    wide = cross_validate(FakeBench(hill, tuple("abcdef")).run(SETTINGS))
-    low, high = wide.interval()
-    assert low < wide.scores.mean() < high
-    assert wide.interval([0.5, 0.5, 0.5]) == (0.5, 0.5)
-    assert all(math.isnan(end) for end in wide.interval([0.5]))
-    text = wide.to_markdown()
-    assert "Mean over 6 scenes" in text
-    assert text.count("\n| ") == 7
 
 
 def test_one_scene_is_too_few():

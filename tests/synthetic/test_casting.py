@@ -39,12 +39,6 @@ def test_changes_happen_while_the_camera_is_away():
         assert item.placements[0].position_m == twin.placements[0].position_m
 
 
-@pytest.mark.slow
-def test_two_hundred_objects_fit():
-    options = SceneOptions(num_rooms=8, objects_per_room=25, frames=8, absence_frames=4, gap_m=0.01)
-    assert len(make_scene(options).objects) == 200
-
-
 def test_a_full_room_is_refused_with_a_remedy():
     with pytest.raises(ConfigError, match="give fewer objects_per_room"):
         make_scene(SceneOptions(objects_per_room=200, classes=("chair",)))

@@ -7,7 +7,7 @@ from remind_jax.synthetic.mesh import build_mesh
 from remind_jax.synthetic.raster import NO_FACE, Camera, see_faces
 from remind_jax.synthetic.scene import Look, Pose
 from remind_jax.synthetic.shapes import CLASSES, build_object
-from remind_jax.synthetic.surfaces import box, quad
+from remind_jax.synthetic.surfaces import quad
 
 GREY = np.full((8, 8, 3), 128, np.uint8)
 
@@ -83,10 +83,3 @@ def test_every_class_shows_a_plausible_silhouette_from_all_sides(label):
         rows, columns = np.nonzero(seen != NO_FACE)
         assert 0 < rows.min() <= rows.max() < 159
         assert 0 < columns.min() <= columns.max() < 159
-
-
-def test_box_normals_point_outwards():
-    surfaces = box((0.4, 0.3, 0.2), {"rest": GREY}).surfaces
-    mesh = build_mesh(surfaces)
-    centers = np.array([surface.points.mean((0, 1)) for surface in surfaces])
-    assert (np.einsum("fi,fi->f", mesh.normal, centers) > 0).all()

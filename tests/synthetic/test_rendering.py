@@ -1,5 +1,4 @@
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -7,7 +6,6 @@ import pytest
 from remind_jax.synthetic import make_scene, render, render_sequence
 from remind_jax.synthetic.raster import NO_FACE, Camera, see_faces
 from remind_jax.synthetic.rendering import _build_world
-from remind_jax.synthetic.scene import LIGHT_RAMP_FRAMES
 from tests.synthetic.conftest import SMALL, TINY, detections_of, image_of
 
 
@@ -25,17 +23,6 @@ def test_same_options_give_the_same_bytes(tiny):
     for one, other in zip(tiny.frames, again.frames, strict=True):
         np.testing.assert_array_equal(image_of(one), image_of(other))
         np.testing.assert_array_equal(detections_of(one).masks, detections_of(other).masks)
-
-
-def test_frames_have_the_asked_form(small):
-    assert [frame.index for frame in small.frames] == list(range(SMALL.frames))
-    times = [frame.time_s for frame in small.frames]
-    assert all(a < b for a, b in itertools.pairwise(times))
-    assert times[-1] > 180
-    for frame in small.frames:
-        assert image_of(frame).shape == (SMALL.height, SMALL.width, 3)
-        assert image_of(frame).dtype == np.uint8
-        assert detections_of(frame).masks.shape[1:] == image_of(frame).shape[:2]
 
 
 def test_masks_are_disjoint_and_large_enough(small):
@@ -72,26 +59,6 @@ def test_objects_of_the_first_room_are_absent_as_long_as_asked(small):
     assert np.mean(np.array(absences) >= SMALL.absence_frames) >= 0.6
 
 
-def test_light_drop_darkens(small):
-    drop = small.scene.light.drop_frame + LIGHT_RAMP_FRAMES
-    bright = np.mean([image_of(frame).mean() for frame in small.frames[:8]])
-    dark = np.mean([image_of(frame).mean() for frame in small.frames[drop:]])
-    assert dark < 0.75 * bright
-
-
-def test_consecutive_masks_overlap_at_the_demo_pace():
-    options = dataclasses.replace(TINY, frames=30, absence_frames=0)
-    overlaps = []
-    last = {}
-    for frame in render(make_scene(options)):
-        masks = dict(
-            zip(detections_of(frame).instance_ids.tolist(), detections_of(frame).masks, strict=True)
-        )
-        overlaps += [bool((masks[i] & last[i]).any()) for i in masks.keys() & last.keys()]
-        last = masks
-    assert np.mean(overlaps) > 0.85
-
-
 def test_every_pixel_inside_a_room_shows_a_face():
     scene = make_scene(TINY)
     world = _build_world(scene, 0)
@@ -99,16 +66,6 @@ def test_every_pixel_inside_a_room_shows_a_face():
         camera = Camera.at(pose, scene.path.horizontal_fov_rad, 160, 120)
         seen, _ = see_faces(world.mesh, camera)
         assert (seen != NO_FACE).all()
-
-
-def test_looks_decide_appearance_of_lookalikes():
-    scene = make_scene(SMALL)
-    mugs = [item for item in scene.objects if item.group.startswith("mug")]
-    vases = [item for item in scene.objects if item.group.startswith("vase")]
-    assert len(mugs) == 2
-    assert mugs[0].look == mugs[1].look
-    assert vases[0].look.pattern_seed == vases[1].look.pattern_seed
-    assert vases[0].look != vases[1].look
 
 
 @pytest.mark.heavy

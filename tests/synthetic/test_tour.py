@@ -31,11 +31,6 @@ def test_the_camera_stays_within_rooms_and_leaves_the_first_one(num_rooms):
     assert inside[0, end + 3 :].all()
 
 
-def test_two_returns_have_two_absences():
-    scene = make_scene(SceneOptions(returns=2, frames=200, absence_frames=40))
-    assert [end - start for start, end in scene.path.away] == [40, 40]
-
-
 def test_lamps_go_down_before_the_return():
     scene = make_scene(SceneOptions(light_drop=0.1))
     (start, end), *_ = scene.path.away
@@ -43,11 +38,3 @@ def test_lamps_go_down_before_the_return():
     assert levels[start] == 1.0
     assert levels[end] == pytest.approx(0.1)
     assert all(a >= b for a, b in itertools.pairwise(levels))
-
-
-def test_dropped_frames_leave_gaps():
-    poses = make_scene(SceneOptions(dropped_frames=0.3)).path.poses
-    gaps = np.diff([pose.source_index for pose in poses])
-    assert gaps.min() == 1
-    assert gaps.max() > 1
-    assert len(poses) == SceneOptions().frames

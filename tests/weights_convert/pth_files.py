@@ -5,7 +5,6 @@ from __future__ import annotations
 import collections
 import io
 import pickle
-import struct
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -98,8 +97,3 @@ def call_of(module: str, name: str, *arguments: Any) -> Any:
             return _Global(module, name), arguments
 
     return Bomb()
-
-
-def broken_header(length: int) -> bytes:
-    """The start of a safetensors file whose header has this length."""
-    return struct.pack("<Q", length)

@@ -10,7 +10,6 @@ from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
 from remind_jax.backbone.vit_positions import rotary_periods
-from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.errors import ConfigError, OutputError, WeightsError
 from tests.golden.vit import load as golden
 from tests.weights_convert.hugging_face import as_hugging_face
@@ -105,15 +104,6 @@ def test_layouts_of_transformers_5_in_memory(conversion):
     assert_same(conversion(memory, stem)[0], expected)
 
 
-def test_blocks_in_chunks(conversion):
-    expected, _, _ = conversion(tiny("dinov2_tiny"), "dinov2_tiny")
-    chunked = {
-        key.replace("blocks.2.", "blocks.1.2.").replace("blocks.0.", "blocks.0.0."): value
-        for key, value in tiny("dinov2_tiny").items()
-    }
-    assert_same(conversion(chunked, "dinov2_tiny")[0], expected)
-
-
 def test_teacher_is_taken_before_student(conversion):
     expected, _, _ = conversion(tiny())
     student = {key: value + 1 for key, value in tiny().items()}
@@ -152,18 +142,6 @@ def test_provenance_and_licence_are_in_the_header(conversion):
     assert "DINOv3 License" in header["licence_notice"]
     assert header["data_sha256"] == done.data_sha256
     assert json.loads(header["architecture"])["width"] == 64
-
-
-def test_bfloat16_output(tmp_path):
-    save_file(tiny(), tmp_path / "a.safetensors")
-    wishes, out = Wishes(heads=2, custom=True), tmp_path / "out.safetensors"
-    convert(tmp_path / "a.safetensors", out, wishes=wishes, dtype="bfloat16")
-    weights = load_weights(out)
-    kernel = weights.params["blocks"]["mlp"]["up"]["kernel"]
-    assert kernel.dtype.name == "bfloat16"
-    assert weights.params["periods"].dtype == np.float32
-    published = np.stack([tiny()[f"blocks.{i}.mlp.fc1.weight"].T for i in range(3)])
-    np.testing.assert_allclose(kernel.astype(np.float32), published, rtol=2**-8)
 
 
 def test_faults_are_listed_all_at_once(conversion):
@@ -214,12 +192,6 @@ def test_mask_of_the_key_bias_may_be_missing_or_nan(conversion):
     assert_same(conversion({k: v for k, v in tiny().items() if k not in masks})[0], expected)
     empty = {key: np.full(192, np.nan, np.float32) for key in masks}
     assert_same(conversion(tiny() | empty)[0], expected)
-
-
-def test_no_published_network_needs_a_word(conversion):
-    told = refusal(conversion, tiny(), custom=False)
-    assert "none of the published networks; the closest is 'dinov3-vits16'" in told
-    assert "depth 3 instead of 12, width 64 instead of 384" in told
 
 
 def test_mislabelled_file(conversion):

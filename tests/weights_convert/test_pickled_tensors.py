@@ -168,16 +168,6 @@ def test_no_weight_file_at_all(tmp_path, content, told):
     assert told in refusal(path)
 
 
-def test_zip_of_something_else(tmp_path):
-    np.savez(tmp_path / "a.npz", x=np.ones(3))
-    assert "zip archive without tensors" in refusal(tmp_path / "a.npz")
-
-
-def test_no_dictionary(tmp_path):
-    path = write_pth(tmp_path / "a.pth", ARRAYS["matrix"])
-    assert "instead of a dictionary of tensors" in refusal(path)
-
-
 def test_old_file_without_pytorch_says_what_to_install(tmp_path, monkeypatch):
     path = tmp_path / "a.pth"
     path.write_bytes(pickle.dumps({"a": 1}, protocol=2))

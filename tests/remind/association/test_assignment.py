@@ -13,10 +13,7 @@ from remind_jax.remind.association.assignment import dummy_scores, lock_pairs
 from remind_jax.remind.association.diagnosis import Evidence
 from remind_jax.remind.association.gating import initial_pairs
 from remind_jax.remind.stages import Lock
-from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Matching
-from remind_jax.solvers.assignment import assign
-from tests.remind.association.tables import NUM, SLOTS, decide_frames, visual_frame
 
 LOCK = jax.jit(lock_pairs)
 
@@ -59,30 +56,3 @@ def test_uncertain_detections_give_way(x64):
         price(0.0, dummy_score=0.9, dummy_by_confidence=False) == 0.9
     )  # the cap is another rule's
     assert price(0.0, status=0) == pytest.approx(0.05)  # without a diagnosis
-
-
-def test_a_penalty_can_reject_the_pair_that_was_chosen(x64):
-    said = {0: {"bonus_raw": -0.05, "score_sets": -1.0}}
-    verdict = decide_frames([visual_frame([{0: 0.78}], context=said), visual_frame([{0: 0.78}])])
-    assert verdict.assignment.slot[:, 0].tolist() == [-1, 0]
-
-
-def test_in_graph_solver_gives_the_same(x64):
-    """Greedy locks off, so that everything is left to the solver."""
-    t = Thresholds()
-    t = dataclasses.replace(t, matching=dataclasses.replace(t.matching, locks=False))
-    rng = np.random.default_rng(2)
-    scores = rng.choice([0.3, 0.8, 0.85, 0.9], (64, NUM, SLOTS))
-    verdict = decide_frames(
-        [visual_frame([dict(enumerate(row)) for row in table]) for table in scores], [t] * 64
-    )
-    pairs = verdict.assignment.pairs
-    solve = jax.jit(jax.vmap(lambda *given: assign(*given, solver="jax")))
-    dummy = jax.vmap(lambda status, confidence: dummy_scores(
-        Evidence(status, confidence, confidence, status, confidence),
-        jax.tree.map(jnp.asarray, t.matching),
-    ))(verdict.decisions.status, verdict.decisions.confidence)  # fmt: skip
-    column = solve(
-        pairs.score_assign, pairs.eligible, np.zeros((64, NUM), np.int32), dummy, np.ones(64, bool)
-    )
-    np.testing.assert_array_equal(column, verdict.assignment.slot)

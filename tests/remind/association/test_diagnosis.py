@@ -57,20 +57,6 @@ def test_status(x64, scores, status, num_close):
     assert (evidence.best_score, evidence.second_score) == (first, second)
 
 
-@pytest.mark.parametrize(
-    ("scores", "expected"),
-    [((0.80, 0.79), 0.001238), ((0.91,), 0.345042), ((0.91, 0.74), 0.192452), ((0.78,), 0.253500)],
-)
-def test_confidence_of_the_worked_examples(x64, scores, expected):
-    assert look(*scores).confidence == pytest.approx(expected, abs=5e-7)  # given to six decimals
-
-
-@pytest.mark.parametrize(("num_terms", "cover"), [(0, 0.0), (1, 0.416667), (2, 0.833333), (3, 1.0)])
-def test_confidence_grows_with_the_terms(x64, num_terms, cover):
-    full = look(0.91, num_terms=3).confidence
-    assert look(0.91, num_terms=num_terms).confidence == pytest.approx(full * cover, abs=1e-6)
-
-
 def test_margin_kinds(x64):
     lead = 1 / (1 + np.exp(-0.2 / 0.05))
     distinct = (0.9 - 0.7) / 0.3

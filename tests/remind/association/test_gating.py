@@ -89,45 +89,6 @@ def test_gates(x64, given, gate, final):
     assert pairs.score_final[0, 0] == pytest.approx(final, abs=1e-12)
 
 
-def test_only_penalties_enter_the_assignment(x64):
-    pairs = build([[0.80, 0.80]], bonus=[0.10, -0.10])
-    np.testing.assert_allclose(pairs.score_assign, [[0.80, 0.70]])
-    np.testing.assert_allclose(pairs.score_final, [[0.90, 0.70]])
-    np.testing.assert_allclose(pairs.score_known, [[0.90, 0.70]])
-
-
-def test_known_score_feels_context_that_may_not_influence(x64):
-    pairs = build([[0.80, 0.74]], bonus=[0.10, 0.10], open_to_context=False)
-    np.testing.assert_allclose(pairs.score_final, [[0.80, 0.74]])
-    # Closed pairs keep their visual score (11.5 a).
-    np.testing.assert_allclose(pairs.score_known, [[0.90, 0.74]])
-    np.testing.assert_allclose(pairs.bonus, 0.0)
-
-
-def test_a_lock_opens_its_class_to_context(x64):
-    """Any used candidate lets context influence even a clear detection.
-
-    Rule: method.md#context-allowed.
-    """
-    closed = build([[0.85, 0.70]], bonus=[0.0, 0.08], open_to_context=False)
-    assert Gate(closed.gate[0, 1]) is Gate.BLOCK_MATCH_THR
-    opened = build([[0.85, 0.70]], bonus=[0.0, 0.08], open_to_context=False, used=[True, False])
-    assert [Gate(g) for g in opened.gate[0]] == [Gate.BLOCK_USED_OBJECT, Gate.SETS_RESCUE]
-    assert opened.score_final[0, 1] == pytest.approx(0.78)
-
-
-def test_second_table_leaves_other_rows_and_scores_of_closed_pairs(x64):
-    """Scores of pairs that were open in the first table and are closed now stay (11.5 b)."""
-    score = [[0.95, 0.80], [0.85, 0.80]]
-    first = build(score, bonus=[0.05, 0.0])
-    second = build(score, bonus=[0.05, 0.0], used=[True, False], rows=[False, True], before=first)
-    for name in ("eligible", "gate", "score_final", "score_known", "score_assign", "bonus"):
-        np.testing.assert_array_equal(getattr(second, name)[0], getattr(first, name)[0], name)
-    assert second.eligible[1].tolist() == [False, True]
-    assert Gate(second.gate[1, 0]) is Gate.BLOCK_USED_OBJECT
-    assert second.score_final[1, 0] == pytest.approx(0.90)
-
-
 @pytest.mark.parametrize(
     ("said", "supported"),
     [

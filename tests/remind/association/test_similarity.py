@@ -15,18 +15,13 @@ from remind_jax.remind.association.channel_scores import ChannelScores, Score
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import (
     AUTO,
-    BACKGROUND,
     OBJECT,
     PARTS,
-    STABLE,
-    WORK,
-    Comparison,
     Terms,
 )
 from remind_jax.remind.memory.prototypes import Bank, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Similarity
-from tests.remind.association.tables import decide_frames, empty_frame, visual_frame
 from tests.remind.memory.small_banks import with_records
 from tests.statics import change_static, make_static
 
@@ -97,37 +92,6 @@ def test_worked_example(x64, policy, values, expected):
     terms, scores = joint(ChannelScores(**EXAMPLE), rules())
     np.testing.assert_allclose(terms[policy].value[:, 0, 0], values)
     assert float(scores[policy][0, 0]) == pytest.approx(expected, abs=5e-7)  # six decimals given
-
-
-def test_weights_of_the_worked_example(x64):
-    weights = similarity.term_weights(QUALITY, jnp.array([[0.6]]), rules())[:, 0, 0]
-    np.testing.assert_allclose(weights, [0.392795, 0.168750, 0.044938], atol=5e-7)
-    weights = similarity.term_weights(QUALITY, None, rules())[:, 0, 0]
-    np.testing.assert_allclose(weights, [0.385, 0.168750, 0.044938], atol=5e-7)
-
-
-def test_absent_terms_do_not_pull_the_score_down(x64):
-    only_object = {**EXAMPLE, "parts_work": score(None), "parts_stable": score(None)}
-    only_object |= {"rings_work": score(None, None), "rings_stable": score(None, None)}
-    terms, scores = joint(ChannelScores(**only_object), rules())
-    assert terms["auto"].present[:, 0, 0].tolist() == [True, False, False]
-    assert float(scores["auto"][0, 0]) == pytest.approx(0.82)
-    plain = dataclasses.replace(rules(), renormalize=jnp.asarray(False))
-    assert float(joint(ChannelScores(**only_object), plain)[1]["auto"][0, 0]) == pytest.approx(
-        0.82 * 0.392795, abs=1e-6
-    )
-    nothing = {**only_object, "object_work": score(None, None), "object_stable": score(None, None)}
-    terms, scores = joint(ChannelScores(**nothing), rules())
-    assert float(scores["auto"][0, 0]) == 0.0
-    assert float(terms["auto"].authority[0, 0]) == 1.0
-
-
-def test_authority_is_that_of_the_winning_prototype(x64):
-    terms, _ = joint(ChannelScores(**EXAMPLE), rules())
-    assert float(terms["auto"].authority[0, 0]) == 0.6
-    assert float(terms["work"].authority[0, 0]) == 0.9
-    trimmed = {**EXAMPLE, "object_stable": score(0.79, None)}  # now work of "trimmed" is better
-    assert float(joint(ChannelScores(**trimmed), rules())[0]["auto"].authority[0, 0]) == 0.5
 
 
 @pytest.mark.parametrize(
@@ -234,80 +198,3 @@ def test_parts_are_a_mean_over_the_best(x64):
     assert mean(X, Y, lean, Z, top=1) == (1.0, True)
     assert mean(Z) == (0.0, True)
     assert mean() == (0.0, False)
-
-
-def compare(frame: Any) -> Comparison:
-    verdict = decide_frames([frame])
-    return jax.tree.map(lambda leaf: leaf[0], verdict.comparison)
-
-
-def in_bank(name: str, *values: float | None) -> Score:
-    """Scores of the first detection with the first objects, in the first channel."""
-    empty = getattr(empty_frame(1, 1).channels, name)
-    value, present = empty.value.copy(), empty.present.copy()
-    for slot, number in enumerate(values):
-        value[0, 0, slot], present[0, 0, slot] = number or 0.0, number is not None
-    return Score(value, present)
-
-
-def test_one_bank_for_all_candidates(x64):
-    """Stable if all have it, else work if all have it, else each its own.
-
-    Rule: method.md#bank-source.
-    """
-
-    def source(work: tuple, stable: tuple) -> tuple[int, list[float]]:
-        frame = empty_frame(1, 2)
-        channels = dataclasses.replace(
-            frame.channels,
-            object_work=in_bank("object_work", *work),
-            object_stable=in_bank("object_stable", *stable),
-        )
-        found = compare(dataclasses.replace(frame, channels=channels))
-        return int(found.source[OBJECT, 0]), found.terms.value[OBJECT, 0, :2].tolist()
-
-    assert source((0.9, 0.8), (0.7, 0.6)) == (STABLE, [0.7, 0.6])
-    assert source((0.9, 0.8), (0.7, None)) == (WORK, [0.9, 0.8])
-    assert source((None, 0.8), (0.7, None)) == (AUTO, [0.7, 0.8])
-    assert source((None, 0.8), (0.7, 0.6)) == (STABLE, [0.7, 0.6])
-
-
-def test_parts_take_the_better_bank_where_no_bank_serves_all(x64):
-    frame = empty_frame(1, 2)
-    channels = dataclasses.replace(
-        frame.channels,
-        parts_work=in_bank("parts_work", 0.9, None),
-        parts_stable=in_bank("parts_stable", 0.7, None),
-    )
-    found = compare(dataclasses.replace(frame, channels=channels))
-    assert int(found.source[PARTS, 0]) == AUTO
-    assert found.terms.value[PARTS, 0, 0] == 0.9
-    assert not found.terms.present[PARTS, 0, 1]
-    assert not found.terms.present[BACKGROUND, 0].any()
-
-
-def test_candidates_are_all_objects_of_the_class_and_score_zero_elsewhere(x64):
-    frame = visual_frame([{0: 0.9, 1: 0.8}, {2: 0.7}])
-    classes = np.where(np.arange(len(frame.object_class)) == 1, 5, frame.object_class)
-    found = compare(dataclasses.replace(frame, object_class=classes))
-    assert found.candidate[:2, :4].tolist() == [[True, False, True, False]] * 2
-    assert not found.candidate[2:].any()
-    assert found.score[0, 1] == 0
-    np.testing.assert_allclose(found.score[0, [0, 2]], [0.9, 0.3])
-
-
-def test_scores_of_a_set_are_compared_on_common_evidence(x64):
-    frame = visual_frame([{0: 0.9, 1: 0.8}])
-    rings = in_bank("rings_work", 0.5, None)
-    frame = dataclasses.replace(
-        frame, channels=dataclasses.replace(frame.channels, rings_work=rings)
-    )
-    found = jax.tree.map(jnp.asarray, compare(frame))
-    assert float(found.score[0, 0]) == pytest.approx((0.6 * 0.9 + 0.25 * 0.5) / 0.85)
-
-    def scores(*slots: int) -> list[float]:
-        members = jnp.zeros_like(found.candidate).at[0, jnp.array(slots)].set(True)
-        return similarity.comparable_score(found, members, rules())[0, :2].tolist()
-
-    assert scores(0, 1) == pytest.approx([0.9, 0.8])
-    assert scores(0)[0] == pytest.approx(float(found.score[0, 0]))

@@ -12,14 +12,12 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-import pytest
 
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
-from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.remind.thresholds import Thresholds
 from tests.remind.association.frozen_frames import load_expected, load_frames, load_settings
-from tests.remind.association.tables import Verdict, backed, decide_frames, visual_frame
+from tests.remind.association.tables import Verdict, decide_frames
 
 STABILITY = "association.matching.hungarian.identity_stability"
 SWITCHES = {
@@ -70,34 +68,3 @@ def test_frozen_frames_try_every_switch():
     )
     assert Counter(key for key, _ in tried) == SWITCHES
     assert set(tried.values()) == {3}
-
-
-@pytest.mark.parametrize(
-    ("listed", "rescued"), [([], False), (["STRONG"], False), (["WEAK"], True)]
-)
-def test_whom_context_may_rescue(x64, listed, rescued):
-    """A detection below the threshold is WEAK."""
-    key = "association.matching.neighbor_sets_influence.allow_status"
-    frame = visual_frame([{0: 0.66, 1: 0.55}], context={0: backed(0.10)})
-    d = decide_frames([frame], [read({key: listed})]).decisions
-    assert d.status[0, 0] == Status.WEAK
-    assert (d.outcome[0, 0] == Outcome.MATCH) == rescued
-
-
-@pytest.mark.parametrize("listed", [[], ["STRONG"]])
-def test_without_a_diagnosis_context_may_influence_all(x64, listed):
-    key = "association.matching.neighbor_sets_influence.allow_status"
-    frame = visual_frame([{0: 0.66, 1: 0.55}], context={0: backed(0.10)})
-    t = read({key: listed, "association.ambiguity.enabled": False})
-    d = decide_frames([frame], [t]).decisions
-    assert (d.status[0, 0], d.outcome[0, 0]) == (Status.NONE, Outcome.MATCH)
-
-
-@pytest.mark.parametrize(("most", "compared"), [(1, False), (2, False), (3, True), (4, True)])
-def test_larger_groups_are_not_compared(x64, most, compared):
-    """Three look-alikes, of which the second best assignment swaps two."""
-    rows = [{0: 0.80, 1: 0.79, 2: 0.76}, {0: 0.78, 1: 0.80, 2: 0.76}, {0: 0.76, 1: 0.76, 2: 0.82}]
-    t = read({f"{STABILITY}.component_max_size": most})
-    d = decide_frames([visual_frame(rows)], [t]).decisions
-    doubtful = d.reason[0] == Reason.KNOWN_BUT_AMBIGUOUS_IDENTITY_STABILITY
-    assert doubtful.tolist() == [compared, compared, False, False, False]

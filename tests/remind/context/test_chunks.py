@@ -34,17 +34,6 @@ def test_used_rows_are_as_if_all_were_worked_on(width):
             np.testing.assert_array_equal(found[name][:used], whole[name][:used])
 
 
-def test_nothing_in_use_gives_zeros():
-    found = apply(np.ones((40, 3), np.float32), np.ones(40, np.float32), 0)
-    assert not any(np.any(leaf) for leaf in found.values())
-
-
-def test_rows_beyond_the_last_chunk_are_zeros():
-    found = apply(np.ones((40, 3), np.float32), np.ones(40, np.float32), 5)
-    np.testing.assert_array_equal(found["sum"][:5], 3)
-    np.testing.assert_array_equal(found["sum"][16:], 0)
-
-
 def test_batches_of_different_fill():
     value = np.arange(2 * 20 * 3, dtype=np.float32).reshape(2, 20, 3)
     weight = np.ones((2, 20), np.float32)

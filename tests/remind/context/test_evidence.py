@@ -38,12 +38,6 @@ def test_weak_ties_are_none():
     np.testing.assert_array_equal(links.strength, 0.0625 * linked)
 
 
-def test_pairs_never_seen_together_have_strength_but_are_not_linked():
-    links = join(view_of(np.full((2, 2), 0.25)))
-    assert links.strength[0, 1] == 0.25
-    assert not np.any(links.present)
-
-
 @pytest.mark.parametrize(("num", "rounded"), [(ROUNDED_OBJECTS, True), (161, False)])
 def test_strengths_of_few_objects_have_single_precision(num, rounded):
     links = join(view_of(np.full((2, 2), 0.3)), num)

@@ -170,20 +170,6 @@ def test_poor_context_does_not_count(changed):
     assert not any(np.any(getattr(found, name)) for name in GATED)
 
 
-def test_quality_of_one_term_alone():
-    best = jax.tree.map(lambda leaf: leaf[0], read_on(example()).hypotheses)
-    terms = {
-        "best": best.score, "coverage": best.coverage, "maturity": best.maturity,
-        "density": best.density, "size": 1 - np.exp(-2 / 3), "pruning": 0.125,
-    }  # fmt: skip
-    off = {f"{name}_weight": 0.0 for name in terms}
-    for name, value in terms.items():
-        found = read_on(example(), influence={**off, f"{name}_weight": 0.3})
-        assert_close(found.influence.quality, value, atol=ROUNDING, err_msg=name)
-    for weights in (off, {**off, "best_weight": -1.0}):
-        assert read_on(example(), influence=weights).influence.quality == 0
-
-
 def test_empty_memory():
     scene = dataclasses.replace(empty_scene(), det_class=example().det_class)
     found = read_on(scene)
@@ -208,35 +194,6 @@ def test_no_detection_of_a_known_class(det_class):
     np.testing.assert_array_equal(kept, [1, 1, 1, 1, 1])
     assert_close(found.influence.quality, 0.15 * 0.125, atol=1e-12)
     assert not np.any(found.veto)
-
-
-def test_one_detection_is_explained_by_nothing_or_one_object():
-    scene = example()
-    scene = dataclasses.replace(
-        scene, det_class=np.where(np.arange(NUM) == 1, 1, -1).astype(np.int32)
-    )
-    found = read_on(scene)
-    sizes = found.hypotheses.size[found.hypotheses.valid]
-    assert sorted(sizes) == [0, 1, 1]
-    np.testing.assert_array_equal(found.hypotheses.detections.any(0), np.arange(NUM) == 1)
-    assert_silent(found.influence)
-
-
-def test_objects_without_episodes_make_sets_of_score_zero():
-    scene = dataclasses.replace(
-        example(), count=np.zeros((SLOTS, SLOTS), np.int32), episodes=np.zeros(SLOTS, np.int32)
-    )
-    found = read_on(scene)
-    assert found.hypotheses.valid.sum() == 7
-    assert not np.any(found.hypotheses.score)
-    # The best score is 0, so every member is as good as the best.
-    np.testing.assert_array_equal(np.flatnonzero(found.influence.shortlist), [0, 1, 2, 3])
-    assert_silent(found.influence)
-
-
-def test_sets_below_the_least_score_are_left_out():
-    assert np.sum(read_on(example()).hypotheses.score > 0) == 4
-    assert np.sum(read_on(example(), sets={"min_set_score": 0.409}).hypotheses.valid) == 2
 
 
 def test_fewer_slots_than_detections_of_a_class():

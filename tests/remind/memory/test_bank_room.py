@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from remind_jax.remind.memory import bank_room, prototypes
-from tests.remind.memory.small_banks import NO, NOW, YES, bank_of, unit, vectors_of, with_records
+from tests.remind.memory.small_banks import NO, YES, bank_of, unit
 
 make_room, merge_entries = jax.jit(bank_room.make_room), jax.jit(bank_room.merge_entries)
 weakest, closest_pair = jax.jit(bank_room.weakest), jax.jit(prototypes.closest_pair)
@@ -34,23 +34,3 @@ def test_opposite_prototypes_are_not_redundant():
     bank = bank_of(unit(0), unit(180), last_seen=(4, 2), slots=2)
     cosine, _, _, everything = closest_pair(bank)
     assert int(weakest(bank, everything, cosine, YES)) == 1
-
-
-@pytest.mark.parametrize(("cap", "angle"), [(1, 45.0), (10, np.degrees(np.arctan(0.2)))])
-def test_merging_adds_records(cap, angle):
-    left, right = (
-        with_records(new_entry(unit(d), jnp.float32(q), jnp.int32(seen)), hits=hits)
-        for d, q, seen, hits in ((0, 0.2, 3, 12), (90, 0.6, 5, 2))
-    )
-    joined = merge_entries(left, right, jnp.int32(4), jnp.int32(cap))
-    np.testing.assert_allclose(joined.embedding, unit(angle), atol=1e-6)
-    assert (int(joined.hits), int(joined.last_seen), int(joined.num_qualities)) == (14, 5, 2)
-    np.testing.assert_allclose(joined.quality_recent, 0.4, rtol=1e-6)
-
-
-def test_room_is_made_at_the_lower_index():
-    bank = bank_of(unit(90), unit(0), unit(8), slots=3)
-    edit = make_room(bank, jnp.float32(0.9), YES, jnp.int32(1), now=NOW)
-    made = change(bank, edit, edit.value, NO)
-    np.testing.assert_allclose(vectors_of(made), [unit(90), unit(4)], atol=1e-6)
-    assert made.last_seen[:2].tolist() == [0, 9]

@@ -7,11 +7,10 @@ import pytest
 
 from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.channels import observe_wholes, ring_quality
-from remind_jax.remind.memory.prototypes import WORK, empty_bank
+from remind_jax.remind.memory.prototypes import empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Background
 from tests.remind.memory.recorded_banks import assert_as_recorded, descriptors_of, random_views
-from tests.remind.memory.small_banks import unit
 from tests.statics import change_static, make_static
 
 pytestmark = pytest.mark.usefixtures("x64")
@@ -19,7 +18,6 @@ pytestmark = pytest.mark.usefixtures("x64")
 # Unequal capacities of the rings in shared slots.
 STATIC = make_static(inner_ring_slots=(2, 1), outer_ring_slots=(3, 2), precision="float64")
 FRAMES, OBJECTS, DIM = 50, 8, 4
-INNER, OUTER = 0, 1
 
 
 def new_banks(static, num=OBJECTS, dim=DIM):
@@ -79,29 +77,6 @@ def test_banks_are_as_recorded():
             (static.switches.inner_ring_slots, static.switches.outer_ring_slots)
         ):
             assert np.all(np.max(seen.size[:, :, ring], axis=(0, 2)) <= np.array(slots))
-
-
-def test_merge_example_of_the_page():
-    """method.md#bank-room: a full inner bank joins its closest pair, then takes the new one."""
-    static = make_static(inner_ring_slots=(2, 1), outer_ring_slots=(2, 1), precision="float64")
-    banks = jax.tree.map(np.array, new_banks(static, 1, 2))
-    banks.embedding[WORK, :, 0, :2] = [unit(0), unit(15)]
-    banks.counts[WORK, :, 0, :2] = [[12, 0, 5], [2, 1, 2]]
-    banks.qualities[WORK, :, 0, :2] = [[0.8, 4.0], [0.6, 1.2]]
-    banks.size[WORK] = 2
-    views = np.zeros((3, 1, 2, 2), np.float32)
-    views[2] = unit(80)
-    patches = np.zeros((3, 1, 2), np.int32)  # nothing is seen before frame 2
-    patches[2] = 99
-    permit = Permit(np.ones((3, 1), bool), np.ones((3, 1)))
-    seen = watch(banks, views, patches, np.ones((3, 1)), permit, rules(), static)
-    found = jax.tree.map(lambda leaf: np.asarray(leaf[2, WORK, INNER, 0]), seen)
-    assert found.size == 2
-    np.testing.assert_allclose(found.embedding, [unit(2.484), unit(80)], atol=1e-5)
-    assert found.hits.tolist() == [14, 1]
-    assert found.last_seen.tolist() == [2, 2]
-    assert found.num_qualities.tolist() == [7, 1]
-    np.testing.assert_allclose(found.quality_recent, [0.742857, 1.0], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -72,37 +72,3 @@ def test_banks_are_as_recorded():
         seen = watch(new_banks(static), parts, valid, permit, rules(**changes), static)
         assert_as_recorded("parts", setting, seen, qualities=False)
         assert np.all(np.max(seen.size, axis=(0, 2, 3)) <= np.array(static.switches.part_slots))
-
-
-def test_example_of_the_page():
-    """method.md#part-learning: two parts never refresh the same prototype in one frame."""
-    static = make_static(precision="float64")
-    degrees = [[0, 30], [5, 12], *[[5, 0]] * 5]
-    parts = np.array(
-        [[[np.cos(np.radians(d)), np.sin(np.radians(d))] for d in frame] for frame in degrees]
-    ).astype(np.float32)[:, None]
-    valid = np.ones((7, 1, 2), bool)
-    valid[2:, :, 1] = False
-    permit = Permit(np.ones((7, 1), bool), np.ones((7, 1)))
-    after = watch(new_banks(static, 1, 2), parts, valid, permit, rules(), static)
-    seen = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), after)
-
-    def angles(bank, frame):
-        size = int(bank.size[frame, 0, 0])
-        x, y = np.asarray(bank.embedding[frame, 0, 0, :size]).T
-        return np.degrees(np.arctan2(y, x)), bank.hits[frame, 0, 0, :size].tolist()
-
-    def expect(found, degrees, hits):
-        assert found[1] == hits
-        np.testing.assert_allclose(found[0], degrees, atol=1e-3)  # printed with four digits
-
-    expect(angles(seen.work, 0), [0, 30], [1, 1])
-    expect(angles(seen.work, 1), [0.7038, 29.423], [2, 2])
-    expect(angles(seen.work, 2), [1.3189, 29.423], [3, 2])
-    expect(angles(seen.work, 3), [1.8526, 29.423], [4, 2])
-    expect(angles(seen.work, 4), [2.3132, 29.423], [5, 2])  # proven, and it stays
-    expect(angles(seen.stable, 4), [2.3132], [1])
-    expect(angles(seen.work, 5), [2.709, 29.423], [6, 2])
-    expect(angles(seen.stable, 5), [2.3725], [2])
-    expect(angles(seen.work, 6), [3.0482, 29.423], [7, 2])
-    expect(angles(seen.stable, 6), [2.4737], [3])

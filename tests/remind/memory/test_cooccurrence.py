@@ -1,4 +1,3 @@
-import dataclasses
 import functools
 
 import jax
@@ -6,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from remind_jax.remind.memory.cooccurrence import (
-    conditional,
     empty_cooccurrence,
     gather_sightings,
     rank_edges,
@@ -57,59 +55,11 @@ def edges(graph, owner=0):
     return {int(j): int(graph.count[owner, j]) for j in np.flatnonzero(graph.count[owner])}
 
 
-def test_episodes_of_the_page():
-    graph = empty_cooccurrence(6, jnp.float32)
-    frames = [  # method.md#episodes: frame, others, episodes and counts after it
-        (0, [1, 2], 1, {1: 1, 2: 1}),
-        (1, [1, 2], 1, {1: 1, 2: 1}),
-        (2, [1, 2], 1, {1: 1, 2: 1}),
-        (3, [1, 2, 3], 2, {1: 2, 2: 2, 3: 1}),
-        (4, [1], 2, {1: 2, 2: 2, 3: 1}),
-        (9, [1, 4], 3, {1: 3, 2: 2, 3: 1, 4: 1}),
-        (10, [4], 3, {1: 3, 2: 2, 3: 1, 4: 1}),
-    ]
-    for frame, others, episodes, counts in frames:
-        graph = show(graph, frame, [0, *others])
-        assert (int(graph.episodes[0]), edges(graph)) == (episodes, counts), frame
-    assert set(np.flatnonzero(graph.pending_context[0])) == {4}
-    assert graph.pending_hits[0] == 1
-
-
-def test_forced_episode_keeps_the_pending_context():
-    graph = empty_cooccurrence(4, jnp.float32)
-    episodes = []
-    for frame, others in enumerate([[1, 2], [3], [3], [1, 2], [3]]):
-        graph = show(graph, frame, [0, *others])
-        episodes.append(int(graph.episodes[0]))
-    assert episodes == [1, 1, 1, 2, 3]
-
-
 def test_full_list_keeps_the_lowest_ids_of_equal_edges():
     graph = show(empty_cooccurrence(26, jnp.float32), 0, range(26), slots=26)
     assert edges(graph) == {j: 1 for j in range(1, 21)}
     slot, valid = _order(graph, make_static())
     assert list(np.asarray(slot[0])[valid[0]]) == list(range(1, 21))
-
-
-def test_conditional_of_the_page():
-    graph = dataclasses.replace(
-        empty_cooccurrence(4, jnp.float32),
-        episodes=jnp.array([3, 3, 0, 0]),
-        count=jnp.zeros((4, 4), jnp.int32).at[0, 1].set(3),
-    )
-    rules = as_arrays(Cooccurrence())
-    expected = {
-        5: (0.636364, 0.090909),
-        10: (0.4375, 0.0625),
-        14: (0.35, 0.05),
-        20: (0.269231, 0.038462),
-    }
-    for num_objects, (seen, unseen) in expected.items():
-        p = conditional(graph, jnp.int32(num_objects), rules)
-        # six decimals are given
-        np.testing.assert_allclose([p[0, 1], p[0, 2], p[0, 0]], [seen, unseen, unseen], atol=6e-7)
-    nothing = dataclasses.replace(rules, smoothing=jnp.float32(0.0))
-    assert not conditional(graph, jnp.int32(4), nothing)[2].any()
 
 
 def test_later_decided_detection_shows_the_object():

@@ -78,39 +78,6 @@ def test_example_of_the_page():
     assert int(objects.last_seen[0]) == 15
 
 
-def test_two_detections_of_one_frame_are_two_hits_and_two_frames_of_age():
-    objects = mark_seen(born(0)[0], 2 * once(), jnp.int32(0), rules())
-    assert standing(objects) == ("CONFIRMED", 2, 0, 2)
-
-
-def test_a_tentative_object_stays_tentative():
-    t = rules()
-    objects = mark_seen(born(0)[0], once(), jnp.int32(0), t)
-    for _ in range(13):
-        objects, forgotten = mark_missed(objects, only(), t)
-    assert standing(objects) == ("TENTATIVE", 1, 13, 14)
-    assert forgotten[0]  # it may be removed, which the published settings do not
-
-
-def test_sightings_need_not_be_consecutive():
-    t = rules(confirm_hits=3)
-    objects = born(0)[0]
-    for frame in range(3):
-        assert standing(objects)[0] != "CONFIRMED"
-        objects = mark_seen(objects, once(), jnp.int32(2 * frame), t)
-        if frame < 2:
-            objects, _ = mark_missed(objects, only(), t)
-    assert standing(objects) == ("CONFIRMED", 3, 0, 5)
-
-
-def test_only_the_named_objects_change():
-    t = rules()
-    objects, _ = born(0, 0)
-    changed = mark_missed(mark_seen(objects, once(1), jnp.int32(0), t), only(1), t)[0]
-    assert standing(changed, 0) == standing(objects, 0)
-    assert standing(changed, 1) == ("TENTATIVE", 1, 1, 2)
-
-
 @pytest.mark.parametrize(
     ("state", "misses", "expected", "forgotten"),
     [

@@ -41,14 +41,6 @@ def test_large_rows_are_written_in_place(row, axis):
     np.testing.assert_array_equal(jnp.swapaxes(found["flags"], 0, axis), expected < 0)
 
 
-def test_a_batch_is_written_as_its_members():
-    rows = jnp.array(CHOICES)
-    memory, values = jnp.arange(8.0).reshape(4, 2), -jnp.arange(6.0).reshape(3, 2)
-    batched = jax.vmap(lambda row: write_rows(memory, row, values))(rows)
-    for row, found in zip(CHOICES, batched, strict=True):
-        np.testing.assert_array_equal(found, written(memory, row, values))
-
-
 @pytest.mark.parametrize("axis", [0, 1])
 def test_memories_of_a_batch_are_written_each_by_its_own_rows(axis):
     rows = jnp.array(CHOICES)

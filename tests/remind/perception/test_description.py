@@ -117,18 +117,6 @@ def test_counts_equal_the_original(recorded, described):
         np.testing.assert_allclose(d.mask_quality[slot], recorded["mask_quality"][row], rtol=1e-6)
 
 
-def test_descriptors_are_pooled_by_coverage():
-    features, coverage = random_features(), one_block()
-    coverage[0, 2:6, 3:5] = 0.25
-    d = describe_frame(features, coverage)
-    mean = (features * coverage[0][..., None]).sum(axis=(0, 1))
-    np.testing.assert_allclose(
-        d.appearance[0, GLOBAL], mean / np.linalg.norm(mean), atol=1e-6
-    )  # float32
-    assert d.patch_sum[0] == 10
-    assert d.num_patches[0] == 16
-
-
 def test_padding_is_described_by_nothing():
     d = describe_frame(random_features(), one_block())
     assert d.valid.tolist() == [True, False, False]
@@ -158,12 +146,6 @@ def test_detection_without_any_selected_patch_is_valid_but_undescribed():
     assert d.patch_sum[0] > 0
 
 
-def test_counted_patches_are_capped():
-    d = describe_frame(random_features(), one_block(), max_counted_patches=10)
-    assert d.num_patches[0] == 10
-    assert d.patch_sum[0] == 16
-
-
 def test_rings_lie_around_the_filled_mask():
     """An L whose filled mask also covers the corner: the corner is no background."""
     coverage, filled = one_block(), one_block()
@@ -183,11 +165,6 @@ def test_object_coverage_counts_for_changed_masks_only():
     filled[0, 2, 3] = 0.45
     changed = describe_frame(random_features(), coverage, filled, ring_object_coverage=0.5)
     assert not changed.rings_valid[0].any()  # no patch is object, so nothing lies around it
-
-
-def test_quality_of_a_mask_is_read_as_one_if_unknown():
-    d = describe_frame(random_features(), one_block(), quality=[0.0, 0.5, 0.5])
-    assert d.mask_quality[0] == 1
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

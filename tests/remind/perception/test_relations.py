@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.observation import MaskRelations, Masks
-from remind_jax.remind.perception.relations import Contact, observe_relations, relate_boxes
+from remind_jax.remind.perception.relations import Contact, observe_relations
 from remind_jax.remind.thresholds.relations import Relations as Rules
 
 FLOAT32 = 3e-6  # of coordinates in the hundreds, normalized by at least 40
@@ -125,14 +125,6 @@ def test_support(small, area, gap_px, support):
     assert found.support[0, 1] == found.support[1, 0] == pytest.approx(support)
 
 
-def test_half_contained_things_rest_on_each_other_even_with_the_center_outside():
-    gaps = np.array([[NAN, 1.0], [1.0, NAN]])
-    found = observe(
-        [BIG, (90, 40, 110, 60)], gaps, areas=[10000, 400], centers=[(49.5, 49.5), (104, 49.5)]
-    )
-    assert found.support[0, 1] == pytest.approx(0.6)
-
-
 boxes_drawn = st.lists(
     st.tuples(*[st.integers(0, 60)] * 2, *[st.integers(1, 40)] * 2), min_size=4, max_size=4
 )
@@ -149,9 +141,3 @@ def test_symmetric_and_blind_to_the_order_of_detections(drawn, order):
         np.testing.assert_array_equal(values, values.T, field.name)
         again = getattr(permuted, field.name)
         np.testing.assert_array_equal(values[np.ix_(order, order)], again, field.name)
-
-
-def test_boxes_that_share_an_edge_are_not_apart():
-    gap, area = relate_boxes(jnp.array([[0.0, 0, 10, 10], [10, 0, 20, 10], [13, 14, 20, 20]]))
-    np.testing.assert_array_equal(gap[0], [-10, 0, 5])
-    np.testing.assert_array_equal(area[0], [100, 0, 0])

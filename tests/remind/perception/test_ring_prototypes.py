@@ -6,13 +6,11 @@ from remind_jax.config import Config
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats
 from remind_jax.remind.perception.description import describe
-from remind_jax.remind.perception.ring_prototypes import find_ring_prototypes
 from remind_jax.remind.thresholds import Thresholds
 from tests.golden import load
 from tests.statics import change_static, make_static
 
 DESCRIBE = jax.jit(describe, static_argnames="static")
-FIND = jax.jit(find_ring_prototypes, static_argnames="static")
 
 
 @pytest.fixture(scope="module")
@@ -51,36 +49,6 @@ def test_prototypes_equal_the_original(recorded, described):
         np.testing.assert_array_equal(valid[:, ring], exists)
         # a prototype is one patch, scaled to unit length in float32
         np.testing.assert_allclose(vectors[:, ring][exists], theirs[exists], atol=1e-6)
-
-
-def unit(vector):
-    return vector / np.linalg.norm(vector)
-
-
-def random_rings(seed, num=12, grid=(12, 14), dim=6):
-    """Maps of a few textures, and regions from one patch to half the map."""
-    rng = np.random.default_rng(seed)
-    textures = rng.standard_normal((5, dim))
-    kind = rng.integers(0, 5, (grid[0] // 3, grid[1] // 3)).repeat(3, 0).repeat(3, 1)
-    kind = np.pad(kind, ((0, grid[0] - kind.shape[0]), (0, grid[1] - kind.shape[1])))
-    features = textures[kind] + 0.3 * rng.standard_normal((*grid, dim))
-    features = features.reshape(-1, dim).astype(np.float32)
-    share = rng.uniform(0.0, 0.5, (num, 2, 1)) ** 2
-    rings = rng.random((num, 2, len(features))) < share
-    rings[0, 0] = False
-    weights = np.where(rings, rng.uniform(0.0, 1.0, rings.shape), 0.0).astype(np.float32)
-    weights[1] = 0.0
-    weights[2] = rings[2]
-    return features, rings, weights
-
-
-def test_a_missing_ring_has_no_prototype():
-    features, rings, weights = random_rings(0)
-    static = make_static(ring_prototypes=True)
-    arrays = Thresholds().as_arrays(static.scalar).ring_prototypes
-    found = FIND(features, rings & False, weights * 0, static=static, t=arrays)
-    assert not found.valid.any()
-    assert not found.vector.any()
 
 
 def test_nothing_is_described_unless_wanted():

@@ -1,11 +1,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.remind.perception.rings import INNER, OUTER, find_rings, ring_weights
+from remind_jax.remind.perception.rings import INNER, find_rings, ring_weights
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.perception import Perception
 
@@ -23,37 +22,6 @@ def grid(shape, rows, columns):
     patches = np.zeros(shape, bool)
     patches[rows, columns] = True
     return patches
-
-
-def everything(stop, start=0):
-    return slice(start, stop)
-
-
-# Grid, object, then inner and outer count and edges of method.md#rings.
-EXAMPLES = [
-    ((20, 20), 10, 10, (40, 120, 3, 6)),
-    ((20, 20), 0, 0, (12, 33, 3, 6)),
-    ((6, 6), 0, 0, (12, 20, 3, 10)),
-    ((5, 40), 2, everything(36), (84, 5, 3, 10)),
-    ((16, 16), everything(16, 3), everything(16), (32, 0, 3, 10)),
-    ((3, 3), 1, 1, (0, 0, 10, 10)),
-    ((30, 30), everything(29, 1), everything(29, 1), (0, 0, 10, 10)),
-]
-
-
-@pytest.mark.parametrize(("shape", "rows", "columns", "expected"), EXAMPLES)
-def test_examples_of_the_page(shape, rows, columns, expected):
-    patches = grid(shape, rows, columns)
-    rings = np.asarray(find_rings(patches[None], MAX_RADIUS, thresholds()))[0]
-    num_inner, num_outer, inner_edge, outer_edge = expected
-    assert (rings[INNER].sum(), rings[OUTER].sum()) == (num_inner, num_outer)
-    distance = chebyshev(patches)
-    if num_inner:
-        assert distance[rings[INNER]].max() <= inner_edge
-        assert distance[rings[INNER]].min() == 2  # the border is left out
-    if num_outer:
-        assert inner_edge < distance[rings[OUTER]].min()
-        assert distance[rings[OUTER]].max() <= outer_edge
 
 
 def chebyshev(patches):
@@ -106,10 +74,6 @@ def test_rings_equal_loops_over_all_settings(seed, density, rules):
     rings = np.asarray(FIND(patches, MAX_RADIUS, thresholds(**rules)))
     for patch, found in zip(patches, rings, strict=True):
         np.testing.assert_array_equal(found, rings_by_loops(patch, Perception(**rules)))
-
-
-def test_no_object_no_rings():
-    assert not FIND(np.zeros((1, *SHAPE), bool), MAX_RADIUS, thresholds()).any()
 
 
 def test_switched_off():

@@ -69,19 +69,3 @@ def test_too_many_supported_rivals_say_nothing(x64):
     assert options(row, (0, 1, 2, 3))[0] == []
     assert options(row, (0, 1, 2, 3), max_supported=4)[0] == []  # all four are near the top
     assert len(options({**row, 3: 0.61}, (0, 1, 2, 3), max_supported=4)[0]) == 3
-
-
-def test_unmatched_detections_need_support(x64):
-    row = {0: 0.66, 1: 0.65}
-    assert options(row)[0] == []
-    found, reason = options(row, (0, 1))
-    assert (found, reason) == ([0, 1], Reason.KNOWN_BUT_AMBIGUOUS)
-    assert options({0: 0.44, 1: 0.44}, (0, 1), min_top=0.50)[0] == []
-
-
-@pytest.mark.parametrize("most", [2, 3])
-def test_at_most_so_many_rivals_of_an_unsupported_match(x64, most):
-    """The match itself, then its supported rivals (method.md#ambiguity)."""
-    row = {0: 0.84, 1: 0.80, 2: 0.79}
-    found, _ = options(row, (1, 2), max_candidates=most)
-    assert found == [0, 1, 2][:most]

@@ -28,7 +28,6 @@ def compete(frame: Frame, **changed: Any) -> list[list[int]]:
 
 
 PAIR = [{0: 0.93}, {0: 0.90}]  # the first one is locked, so the second one is "blocked"
-FREE = [{0: 0.89}, {0: 0.87}]  # no lock
 
 
 @pytest.mark.parametrize(
@@ -66,23 +65,7 @@ def test_scores_of_confirmed_parents(x64, scores, competes):
     assert bool(compete(frame)[1]) == competes
 
 
-def test_only_one_birth_per_parent(x64):
-    three = visual_frame([{0: 0.93}, {0: 0.91}, {0: 0.90}])
-    assert compete(three)[:3] == [[], [], []]
-    # Id 1 is left for the third detection, which is new.
-    assert compete(three, single_create=False)[:3] == [[0, 2], [0, 2], []]
-
-
 def test_ids_are_reserved_behind_other_births(x64):
     """Two births that compete with none come first, then the parents by rising id."""
     rows = [{1: 0.90}, {0: 0.93, 1: 0.3}, {0: 0.90}, {1: 0.93}, {0: 0.1, 1: 0.1}]
     assert compete(visual_frame(rows)) == [[1, 4], [0, 3], [0, 3], [1, 4], []]
-
-
-def test_a_supported_rival_settles_it(x64):
-    """The new detection may as well be another known object that context backs."""
-    said = {"support": 0.5, "score_sets": 0.5, "compat_band": True}
-    rows = [{0: 0.93, 1: 0.2}, {0: 0.90, 1: 0.87}]
-    assert compete(visual_frame([{0: 0.93}, {0: 0.90}], context={0: said}))[1] == [0, 1]
-    rivals = visual_frame(rows, context={0: said, 1: said})
-    assert compete(rivals)[:2] == [[], []]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from remind_jax.decision import Outcome, Reason
+from remind_jax.decision import Outcome
 from remind_jax.remind.thresholds import Thresholds
 from tests.remind.association.tables import backed, decide_frames, visual_frame
 
@@ -58,32 +58,6 @@ def test_near_misses_of_the_match_threshold(x64, row, changed, expected):
     assert last([row], **changed) == expected
 
 
-def test_without_context_moderate_similarity_is_new_unless_allowed(x64):
-    rows = [{0: 0.70, 1: 0.68}]
-    assert last(rows)[0] is NEW
-    assert last(rows, require_context=False) == (PROVISIONAL, [], 0)
-
-
-def test_a_near_miss_of_an_object_that_is_taken(x64):
-    assert last([{0: 0.95}, {0: 0.74}]) == (PROVISIONAL, [0], 1)
-
-
-def test_support_of_context(x64):
-    assert last([{0: 0.64, 1: 0.30}], {0: 0.05}) == (PARENT, [0], 0)
-    # A rival without support makes the parent doubtful,
-    assert last([{0: 0.64, 1: 0.63}], {0: 0.05}) == (PROVISIONAL, [0], 0)
-    assert last([{0: 0.53, 1: 0.30}], {0: 0.05}) == (NEW, [], 0)  # below 0.60 with the bonus
-    # one that looks better all the more.
-    assert last([{0: 0.62, 1: 0.70}], {0: 0.05}) == (PROVISIONAL, [0], 0)
-    assert last([{0: 0.95}, {0: 0.70}], {0: 0.05}) == (PROVISIONAL, [0], 1)
-
-
-def test_two_supported_objects_make_it_ambiguous(x64):
-    taken = [{0: 0.95, 1: 0.20}, {0: 0.20, 1: 0.95}]
-    outcome, named, blocked = last([*taken, {0: 0.70, 1: 0.69}], {0: 0.03, 1: 0.03})
-    assert (outcome, named, blocked) == (AMBIGUOUS, [0, 1], 0)
-
-
 @pytest.mark.parametrize(("most", "named"), [(1, [0, 1]), (2, [0, 1]), (3, [0, 1, 2])])
 def test_beside_a_taken_support_further_ones_are_named(x64, most, named):
     """More objects are named: at least one more, up to the limit."""
@@ -91,24 +65,6 @@ def test_beside_a_taken_support_further_ones_are_named(x64, most, named):
     outcome, found, _ = last(rows, dict.fromkeys(range(3), 0.02), max_support=most)
     assert outcome is AMBIGUOUS
     assert found == named
-
-
-def test_reasons(x64):
-    rows = {
-        Reason.UNCERTAIN_PARENT: ([{0: 0.74}], {}),
-        Reason.UNCERTAIN_KNOWN_BLOCKED: ([{0: 0.95}, {0: 0.74}], {}),
-        Reason.KNOWN_BUT_AMBIGUOUS_CONTEXTUAL_FALLBACK: (
-            [{0: 0.95, 1: 0.30}, {0: 0.80, 1: 0.66}],
-            {0: backed(0.05), 1: backed(0.05)},
-        ),
-    }
-    t = dataclasses.replace(
-        Thresholds(), competition=dataclasses.replace(Thresholds().competition, enabled=False)
-    )
-    frames = [visual_frame(table, context=context) for table, context in rows.values()]
-    d = decide_frames(frames, [t] * len(frames)).decisions
-    for row, (reason, (table, _)) in enumerate(rows.items()):
-        assert Reason(d.reason[row, len(table) - 1]) is reason
 
 
 @pytest.mark.parametrize(

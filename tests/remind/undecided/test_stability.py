@@ -62,20 +62,6 @@ def test_doubt_is_the_gap_of_the_two_best_assignments(x64, gap):
     assert (num_doubtful > 0) == (gap > 0)
 
 
-def test_switched_off_every_match_stands(x64):
-    rows = [[0.80, 0.79], [0.78, 0.78]]
-    assert doubtful(decide(rows)) == [0, 1]
-    verdict = decide(rows, enabled=False)
-    assert doubtful(verdict) == []
-    assert verdict.decisions.object_id[0, :2].tolist() == [0, 1]
-
-
-def test_pairs_that_are_closed_cannot_be_swapped(x64):
-    """A rival below the match threshold is no edge: the components fall apart."""
-    assert doubtful(decide([[0.80, 0.74], [0.74, 0.78]])) == []
-    assert doubtful(decide([[0.80, 0.79], [0.74, 0.78]])) == []  # one way only
-
-
 def test_five_look_alikes_are_too_many_to_enumerate(x64):
     """Components of more than four are left as they are unless they lean on rescued pairs."""
     table = np.full((5, 5), 0.80) + 0.001 * np.eye(5)

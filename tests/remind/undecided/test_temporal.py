@@ -12,28 +12,11 @@ from hypothesis import strategies as st
 from remind_jax.decision import NUM_OPTIONS, Status
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.disambiguation.groups import Undecided
-from remind_jax.remind.undecided.temporal import is_close, judge, prefer, rank, to_mask
+from remind_jax.remind.undecided.temporal import judge, prefer, rank, to_mask
 
 AMBIGUOUS = (0.45, 0.40, 0.05, 0.10, 1e-4)  # least top and candidate score, gaps, slack
 JUDGE = jax.jit(judge)
 RANK = jax.jit(rank, static_argnames="later_first")
-
-
-@pytest.mark.parametrize(
-    ("top", "other", "expected"),
-    [
-        (0.80, 0.73, True),  # by the relative gap, 0.0875
-        (0.80, 0.7195, False),  # 0.1006
-        (0.80, 0.75, True),
-        (0.30, 0.25, True),  # by the absolute one
-        (0.30, 0.24, False),
-        (0.50, 0.90, True),  # better than the top
-        (0.0, 0.0, True),
-    ],
-)
-def test_either_gap_suffices(x64, top, other, expected):
-    gap, relative, slack = AMBIGUOUS[2:]
-    assert bool(is_close(*map(jnp.float64, (top, other, gap, relative, slack)))) is expected
 
 
 @pytest.mark.parametrize(
