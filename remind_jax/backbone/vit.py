@@ -28,14 +28,12 @@ from remind_jax.backbone.vit_attention import (
     ObjectAttention,
     attend,
     attention_among,
-    attention_of_token,
 )
 from remind_jax.backbone.vit_positions import resample_table, rotary_tables, rotate
 from remind_jax.backbone.vit_variants import Variant
 
 Rotation = tuple[Float[Array, "P E"], Float[Array, "P E"]]
 
-INTERMEDIATES = "intermediates"  # Flax's name of what is kept on the way
 
 # Of the depth, from the first block on, whose products are not rounded to bfloat16.
 _EARLY_SHARE = 0.25
@@ -66,8 +64,7 @@ class Numerics:
 
     def for_early(self) -> Numerics:
         """How these blocks and the patch embedding are computed."""
-        attention = "plain" if self.attention == "cudnn" else self.attention
-        return dataclasses.replace(self, attention=attention, early=True)
+        return dataclasses.replace(self, early=True)
 
 
 @jax.tree_util.register_dataclass
@@ -138,8 +135,6 @@ class Attention(nn.Module):
         among = None
         if objects is not None:
             among = attention_among(q, k, objects, v.num_prefix, self.heads, num.precision)
-        if self.is_mutable_collection(INTERMEDIATES):
-            self.sow(INTERMEDIATES, "of_cls", attention_of_token(q[:, :, 0], k, num.precision))
         return wide(v.width, name="proj")(mixed), among
 
     def _with_bias(self, fused: Float[Array, "B N E"]) -> Float[Array, "B N E"]:
@@ -207,7 +202,6 @@ class Block(nn.Module):
         stream = stream + self._scaled("scale2", inner)
         if seen is not None:
             seen = jax.tree.map(jnp.add, seen, among)
-        self.sow(INTERMEDIATES, "stream", stream)
         return (stream, seen), None
 
     def _scaled(self, name: str, x: Array) -> Array:
@@ -217,11 +211,7 @@ class Block(nn.Module):
 
 
 class VisionTransformer(nn.Module):
-    """A whole network; weights come from `vit_weights.load_weights`.
-
-    With `mutable=["intermediates"]`, `apply` also gives what Flax has collected: `embedding`, and
-    by stack of blocks the `stream` after each of them and its attention `of_cls`.
-    """
+    """A whole network; weights come from `vit_weights.load_weights`."""
 
     variant: Variant
     numerics: Numerics = Numerics()
@@ -241,7 +231,6 @@ class VisionTransformer(nn.Module):
         """
         v = self.variant
         stream, grid = self._embed(images)
-        self.sow(INTERMEDIATES, "embedding", stream)
         rotation = None
         if v.position == "rotary":
             periods = self.param("periods", nn.initializers.ones, (v.head_width // 4,))
@@ -251,7 +240,7 @@ class VisionTransformer(nn.Module):
             scan: Any = nn.scan  # its annotation knows no broadcast
             blocks = scan(
                 Block,
-                variable_axes={"params": 0, INTERMEDIATES: 0},
+                variable_axes={"params": 0},
                 split_rngs={"params": True},
                 in_axes=nn.broadcast,
                 length=length,

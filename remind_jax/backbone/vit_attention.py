@@ -18,9 +18,7 @@ from jaxtyping import Array, Float, Int
 
 # plain     all scores of a layer at once
 # chunked   head by head, some rows of queries at a time: scores stay in the cache of a CPU
-# cudnn     the fused kernel of cuDNN (GPU, bfloat16), on request only: rounds queries and keys
-Method = Literal["plain", "chunked", "cudnn"]
-METHODS: tuple[Method, ...] = ("plain", "chunked", "cudnn")
+Method = Literal["plain", "chunked"]
 
 # As measured on CPUs with 256-bit vectors: fewer scores starve the matrix product, more of them
 # leave the cache. Rows of queries come in multiples of what vectors and threads share evenly.
@@ -60,8 +58,6 @@ def attend(
     """Softmax attention over all tokens; scores and softmax in the type of the queries."""
     if method == "plain":
         return _weigh(queries, keys, values, precision)
-    if method == "cudnn":
-        return _attend_cudnn(queries, keys, values)
 
     at_once = max(1, _SCORES_AT_ONCE // keys.shape[2] // _QUERIES_MULTIPLE) * _QUERIES_MULTIPLE
 
@@ -134,22 +130,6 @@ def _map_rows(function: Callable[[Array], Array], rows: Array, at_once: int) -> 
     padded = jnp.pad(rows, [(0, count * size - num)] + [(0, 0)] * (rows.ndim - 1))
     results = jax.lax.map(function, padded.reshape(count, size, *rows.shape[1:]))
     return results.reshape(count * size, *results.shape[2:])[:num]
-
-
-def _attend_cudnn(queries: Array, keys: Array, values: Array) -> Array:
-    across = [jnp.swapaxes(t.astype(values.dtype), 1, 2) for t in (queries, keys, values)]
-    mixed = jax.nn.dot_product_attention(*across, scale=1.0, implementation="cudnn")
-    return jnp.swapaxes(mixed, 1, 2)
-
-
-def attention_of_token(
-    query: Float[Array, "B H E"],
-    keys: Float[Array, "B H N E"],
-    precision: jax.lax.Precision,
-) -> Float[Array, "B H N"]:
-    """Softmax row of one token, for looking at."""
-    weights = _exponentials(query[:, :, None], keys, precision)[:, :, 0]
-    return weights / jnp.sum(weights, axis=-1, keepdims=True)
 
 
 def attention_among(

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int, UInt8
 from remind_jax.backbone.preprocessing import normalize
 from remind_jax.backbone.registry import Backbone
 from remind_jax.backbone.vit import Numerics, Tokens, arrange_params, encode
-from remind_jax.backbone.vit_attention import METHODS, Method, ObjectAttention
+from remind_jax.backbone.vit_attention import Method, ObjectAttention
 from remind_jax.backbone.vit_variants import CUSTOM, Variant
 from remind_jax.backbone.vit_weights import DTYPES, Weights, load_weights
 from remind_jax.backbone.weights_download import obtain_weights, was_fetched
@@ -35,7 +35,6 @@ def vit(
     weights: str | Path | None = None,
     *,
     precision: Precision = "float32",
-    attention: Method | Literal["auto"] = "auto",
 ) -> Backbone:
     """A published network.
 
@@ -44,9 +43,9 @@ def vit(
 
     Raises:
       WeightsError: If there are no weights, or they are of another network or damaged.
-      ConfigError: If an option is not one of those above.
+      ConfigError: If the precision is neither.
     """
-    _check_options(precision, attention)
+    _check_precision(precision)
     path = obtain_weights(name, weights)
     try:
         loaded = load_weights(path, name)
@@ -54,18 +53,13 @@ def vit(
         if not was_fetched(name, path):
             raise
         raise WeightsError(f"{error}; or remove it, and it is fetched again") from error
-    return _make(loaded, precision, attention)
+    return _make(loaded, precision)
 
 
-def vit_from_file(
-    weights: str,
-    *,
-    precision: Precision = "float32",
-    attention: Method | Literal["auto"] = "auto",
-) -> Backbone:
+def vit_from_file(weights: str, *, precision: Precision = "float32") -> Backbone:
     """Whatever network a converted file holds, published or not; options as for `vit`."""
-    _check_options(precision, attention)
-    return _make(load_weights(weights), precision, attention)
+    _check_precision(precision)
+    return _make(load_weights(weights), precision)
 
 
 def choose_attention(variant: Variant, num_tokens: int, platform: str) -> Method:
@@ -74,17 +68,15 @@ def choose_attention(variant: Variant, num_tokens: int, platform: str) -> Method
     return "plain" if platform != "cpu" or is_small else "chunked"
 
 
-def _check_options(precision: str, attention: str) -> None:
+def _check_precision(precision: str) -> None:
     if precision not in DTYPES:
         raise ConfigError(f"precision is '{precision}'; allowed: {', '.join(DTYPES)}")
-    if attention not in ("auto", *METHODS):
-        raise ConfigError(f"attention is '{attention}'; allowed: auto, {', '.join(METHODS)}")
 
 
-def _make(weights: Weights, precision: Precision, attention: Method | Literal["auto"]) -> Backbone:
+def _make(weights: Weights, precision: Precision) -> Backbone:
     variant = weights.variant
     name = variant.name if variant.name != CUSTOM else f"vit-{weights.sha256[:12]}"
-    run = functools.partial(_run, variant, precision, attention)
+    run = functools.partial(_run, variant, precision)
     numerics = Numerics(DTYPES[precision])
     early = numerics.num_early(variant.depth) or ""
     params = jax.device_put(arrange_params(weights.params, variant, numerics))
@@ -93,7 +85,7 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
     encode_patches = KeptFunction(
         "vit",
         lambda params, images: run(params, images).patches,
-        (variant, precision, attention),
+        (variant, precision),
         kind,
     )
 
@@ -130,7 +122,6 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
 def _run(
     variant: Variant,
     precision: Precision,
-    attention: Method | Literal["auto"],
     params: Any,
     images: UInt8[Array, "B H W 3"],
     objects: Int[Array, "B K"] | None = None,
@@ -138,8 +129,7 @@ def _run(
 ) -> Tokens:
     """One forward pass; the way to attend is chosen by the image size, which is known here."""
     rows, columns = (side // variant.patch_px for side in images.shape[1:3])
-    if attention == "auto":
-        num_tokens = variant.num_prefix + rows * columns
-        attention = choose_attention(variant, num_tokens, jax.default_backend())
+    num_tokens = variant.num_prefix + rows * columns
+    attention = choose_attention(variant, num_tokens, jax.default_backend())
     numerics = Numerics(DTYPES[precision], attention)
     return encode(params, normalize(images), variant, numerics, objects=objects, heads=heads)

@@ -73,19 +73,15 @@ def resource_table(runs: Sequence[Scored], titles: Mapping[str, str]) -> Compari
     return ComparisonTable(rows, _RESOURCES, _MEASURED, "Time and memory")
 
 
-def scene_table(
-    runs: Sequence[Scored], titles: Mapping[str, str], score: str = "IDF1", title: str = ""
-) -> ComparisonTable:
-    """One score by scene."""
-    return _cross(runs, titles, score, lambda run: run.record.scene, title)
+def scene_table(runs: Sequence[Scored], titles: Mapping[str, str]) -> ComparisonTable:
+    """IDF1 by scene."""
+    return _cross(runs, titles, lambda run: run.record.scene, "IDF1 by scene")
 
 
-def axis_table(
-    runs: Sequence[Scored], titles: Mapping[str, str], score: str = "IDF1", title: str = ""
-) -> ComparisonTable | None:
-    """One score by what makes a rendered tour hard, three tours each; None for other scenes."""
+def axis_table(runs: Sequence[Scored], titles: Mapping[str, str]) -> ComparisonTable | None:
+    """IDF1 by what makes a rendered tour hard, three tours each; None for other scenes."""
     known = [run for run in runs if _axis(run) in AXES]
-    return _cross(known, titles, score, _axis, title) if known else None
+    return _cross(known, titles, _axis, "IDF1 by difficulty") if known else None
 
 
 def list_failures(runs: Sequence[Scored]) -> list[str]:
@@ -112,7 +108,6 @@ def save_tables(tables: Mapping[str, ComparisonTable], folder: Path) -> list[Pat
 def _cross(
     runs: Sequence[Scored],
     titles: Mapping[str, str],
-    score: str,
     group: Callable[[Scored], str],
     title: str,
 ) -> ComparisonTable:
@@ -123,11 +118,11 @@ def _cross(
         cells = {}
         for label in groups:
             scores, _ = summarize([run for run in own if group(run) == label])
-            if score in scores:
-                cells[label] = scores[score]
+            if "IDF1" in scores:
+                cells[label] = scores["IDF1"]
         rows.append(Row(titles.get(name, name), cells))
     columns = [Column(label, "percent", "higher") for label in groups]
-    return ComparisonTable(rows, columns, (), title or score)
+    return ComparisonTable(rows, columns, (), title)
 
 
 def _axis(run: Scored) -> str:

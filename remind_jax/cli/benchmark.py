@@ -151,9 +151,9 @@ class Benchmark:
         tables = {
             regime: main_table(runs, titles, what),
             f"{regime}_resources": resource_table(runs, titles),
-            f"{regime}_scenes": scene_table(runs, titles, title="IDF1 by scene"),
+            f"{regime}_scenes": scene_table(runs, titles),
         }
-        by_axis = axis_table(runs, titles, title="IDF1 by difficulty")
+        by_axis = axis_table(runs, titles)
         if by_axis is not None:
             tables[f"{regime}_axes"] = by_axis
         save_tables(tables, self.out / "tables")

@@ -26,7 +26,6 @@ class Column:
     name: str  # key of the score
     kind: Kind = "number"  # percent: the score is a fraction and shown times 100
     better: Better | None = None
-    meaning: str = ""  # one sentence for the legend
     label: str | None = None  # heading, if not the name
 
     @property
@@ -41,46 +40,30 @@ class Column:
         return f"{scale * value:.{digits}f}"
 
 
-# Name, heading (None: the name), kind, which way is better, meaning.
-# fmt: off
-_KNOWN: tuple[tuple[str, str | None, Kind, Better | None, str], ...] = (
-    ("HOTA", None, "percent", "higher", "Detection and association over 19 overlaps (TrackEval)."),
-    ("DetA", None, "percent", "higher", "Detection accuracy of HOTA."),
-    ("AssA", None, "percent", "higher", "Association accuracy of HOTA."),
-    ("LocA", None, "percent", "higher", "Mean overlap of matches, over HOTA's thresholds."),
-    ("MOTA", None, "percent", "higher", "1 - (misses + false positives + switches) / truth."),
-    ("MOTP", None, "percent", "higher", "Mean overlap of matches at 0.5."),
-    ("IDF1", None, "percent", "higher", "Observations with their one right identity (F1)."),
-    ("IDP", None, "percent", "higher", "Precision of IDF1."),
-    ("IDR", None, "percent", "higher", "Recall of IDF1."),
-    ("IDSW", None, "count", "lower", "Identity switches, across gaps of any length."),
-    ("IDSWRate", "IDSW %", "percent", "lower", "Switches per observation."),
-    ("Frag", None, "count", "lower", "Interruptions of tracks."),
-    ("MT", None, "count", "higher", "Objects tracked in more than 80 % of their frames."),
-    ("PT", None, "count", None, "Objects tracked in 20 to 80 %."),
-    ("ML", None, "count", "lower", "Objects tracked in less than 20 %."),
-    ("Recovery", None, "percent", "higher", "Returns in which the object got its identity back."),
-    ("HardRecovery", "Hard rec.", "percent", "higher", "... in the first frame of the return."),
-    ("Opportunities", "Returns", "count", None, "Returns of objects to view."),
-    ("ClassHOTA", "HOTA cls", "percent", "higher",
-     "HOTA as far as labels judge, mean over classes."),
-    ("ClassAssA", "AssA cls", "percent", "higher", "Association accuracy, likewise."),
-    ("ClassIDF1", "IDF1 cls", "percent", "higher", "IDF1, likewise."),
-    ("IDs", None, "count", None, "Identities given."),
-    ("GT_IDs", "Objects", "count", None, "True objects."),
-    ("FirmShare", "Firm", "percent", None, "Observations with a firm identity."),
-    ("FirmAccuracy", "Firm right", "percent", "higher", "Firm identities that are right."),
-    ("AmbiguousShare", "Ambiguous", "percent", None, "Observations with candidates."),
-    ("CandidateHitRate", "Set hit", "percent", "higher", "Candidate sets that hold the truth."),
-    ("CollapseAccuracy", "Settled right", "percent", "higher", "Candidate sets settled rightly."),
-    ("WeakShare", "Weak", "percent", "lower", "Observations with neither."),
-)
-# fmt: on
+def _percents(*names: str) -> tuple[Column, ...]:
+    return tuple(Column(name, "percent", "higher") for name in names)
 
-COLUMNS: dict[str, Column] = {
-    name: Column(name, kind, better, meaning, heading)
-    for name, heading, kind, better, meaning in _KNOWN
-}
+
+_KNOWN = (
+    *_percents("HOTA", "DetA", "AssA", "LocA", "MOTA", "MOTP", "IDF1", "IDP", "IDR", "Recovery"),
+    Column("HardRecovery", "percent", "higher", "Hard rec."),
+    Column("Opportunities", "count", None, "Returns"),
+    Column("IDSW", "count", "lower"),
+    Column("IDSWRate", "percent", "lower", "IDSW %"),
+    Column("Frag", "count", "lower"),
+    Column("MT", "count", "higher"),
+    Column("PT", "count"),
+    Column("ML", "count", "lower"),
+    Column("IDs", "count"),
+    Column("GT_IDs", "count", None, "Objects"),
+    Column("FirmShare", "percent", None, "Firm"),
+    Column("FirmAccuracy", "percent", "higher", "Firm right"),
+    Column("AmbiguousShare", "percent", None, "Ambiguous"),
+    Column("CandidateHitRate", "percent", "higher", "Set hit"),
+    Column("CollapseAccuracy", "percent", "higher", "Settled right"),
+    Column("WeakShare", "percent", "lower", "Weak"),
+)
+COLUMNS: dict[str, Column] = {column.name: column for column in _KNOWN}
 
 
 def column_of(column: str | Column) -> Column:

@@ -184,16 +184,11 @@ def evaluate_sequence(
     firm: TrackingSequence | None = None,
     uncertainty: UncertaintyCounts | None = None,
     num_repeated: int = 0,
-    recovery_similarity: float = 0.5,
     min_absence_frames: int = 1,
     by_object: bool = False,
 ) -> Evaluation:
-    """Scores one sequence.
-
-    Args:
-      recovery_similarity: Least overlap at which an answer counts for recovery (the paper: 0).
-    """
-    answers = collect_answers(sequence if firm is None else firm, recovery_similarity)
+    """Scores one sequence; recovery by its firm answers, if these are others."""
+    answers = collect_answers(sequence if firm is None else firm)
     recovery = count_recovery(answers, find_reference(answers), min_absence_frames)
     sizes = (
         len(sequence.pred_id),

@@ -24,8 +24,6 @@ from remind_jax.metrics.matching import EPSILON, match_detections
 from remind_jax.metrics.sequence import TrackingSequence, frame_starts
 from remind_jax.sources.file_tree import last_number
 
-_EPSILON = float(np.finfo(np.float64).eps)
-
 # Box pairs looked at in one go: temporaries of this size stay in the cache.
 _PAIRS_PER_CHUNK = 1 << 15
 
@@ -77,7 +75,7 @@ def _divide_boxes(
     gt_area = (gt[2] - gt[0]) * (gt[3] - gt[1])
     pred_area = (pred[2] - pred[0]) * (pred[3] - pred[1])
     union = gt_area + pred_area - intersection
-    counts = (gt_area > _EPSILON) & (pred_area > _EPSILON) & (union > _EPSILON)
+    counts = (gt_area > EPSILON) & (pred_area > EPSILON) & (union > EPSILON)
     return np.where(counts, intersection / np.where(counts, union, 1.0), 0.0)
 
 

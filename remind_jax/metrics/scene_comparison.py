@@ -61,16 +61,14 @@ def table_of(
     *,
     num_resamples: int = 1000,
     title: str = "",
-    columns: Sequence[str] | None = None,
 ) -> ComparisonTable:
     """Scored sets of predictions as a table, a row each.
 
-    Columns are `COLUMNS`, if not given, and how undecided answers fare where there are any.
+    Columns are `COLUMNS`, and how undecided answers fare where there are any.
     """
     rows = [_row(evaluation, num_resamples) for evaluation in evaluations]
-    if columns is None:
-        has_soft = any(row.scores.get("FirmShare", 1.0) < 1 for row in rows)
-        columns = COLUMNS + (UNCERTAIN_COLUMNS if has_soft else ())
+    has_soft = any(row.scores.get("FirmShare", 1.0) < 1 for row in rows)
+    columns = COLUMNS + (UNCERTAIN_COLUMNS if has_soft else ())
     return ComparisonTable(rows, columns, _legend(evaluations, rows), title)
 
 

@@ -24,7 +24,7 @@ class TrackingSequence:
     """Ground truth and predictions of one sequence.
 
     Rows are ordered by frame and, inside a frame, as they were given; pairs are ordered by
-    ground-truth row, then predicted row. Build with `create` or `from_frames`, which check this.
+    ground-truth row, then predicted row. Build with `create`, which checks this.
     """
 
     num_frames: int
@@ -90,47 +90,6 @@ class TrackingSequence:
             tuple(class_names),
             name,
         )
-
-    @classmethod
-    def from_frames(
-        cls,
-        gt_ids: Sequence[Any],
-        pred_ids: Sequence[Any],
-        similarities: Sequence[Any],
-        *,
-        name: str = "sequence",
-    ) -> TrackingSequence:
-        """Builds a sequence from one entry per frame.
-
-        Args:
-          similarities: Per frame a matrix `[ground truth, predictions]` with values in [0, 1].
-
-        Raises:
-          SourceError: As `create`, and if a matrix does not fit the ids of its frame.
-        """
-        if not len(gt_ids) == len(pred_ids) == len(similarities):
-            raise SourceError(
-                f"{name}: {len(gt_ids)} frames of ground truth, {len(pred_ids)} of predictions and "
-                f"{len(similarities)} of similarities were given; the lengths must agree"
-            )
-        gt_rows, pred_rows = _flatten(gt_ids), _flatten(pred_ids)
-        gt_start, pred_start = (frame_starts(rows[0], len(gt_ids)) for rows in (gt_rows, pred_rows))
-        pairs = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
-        for frame, matrix in enumerate(similarities):
-            shape = len(gt_ids[frame]), len(pred_ids[frame])
-            matrix = np.asarray(matrix, np.float64)
-            if matrix.size == 0 and 0 in shape:
-                continue
-            if matrix.shape != shape:
-                raise SourceError(
-                    f"{name}, frame {frame}: similarities have shape {matrix.shape}; "
-                    f"{shape} is needed, one row per ground truth, one column per prediction"
-                )
-            row, column = np.nonzero(matrix)
-            pairs.append((row + gt_start[frame], column + pred_start[frame], matrix[row, column]))
-        row, column, similarity = (np.concatenate(part) for part in zip(*pairs, strict=True))
-        rows = gt_rows, pred_rows
-        return cls.create(len(gt_ids), *rows, (row, column, similarity), name=name)
 
     @cached_property
     def gt_objects(self) -> Int[np.ndarray, "objects"]:
@@ -262,13 +221,6 @@ def _number_keys(key: np.ndarray, num_keys: int) -> tuple[np.ndarray, np.ndarray
     found = np.flatnonzero(present)
     position = np.cumsum(present) - 1
     return found, position[key]
-
-
-def _flatten(ids: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
-    counts = [len(entry) for entry in ids]
-    frame = np.repeat(np.arange(len(ids)), counts)
-    parts = [np.asarray(entry, np.int64) for entry in ids]
-    return frame, np.concatenate(parts) if parts else np.zeros(0, np.int64)
 
 
 def _classes_or_zero(classes: Any, num: int) -> np.ndarray:

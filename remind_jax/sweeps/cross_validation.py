@@ -15,6 +15,7 @@ from remind_jax.sweeps.search import GIVEN
 from remind_jax.sweeps.settings import Setting
 
 Interval = tuple[float, float]
+_RESAMPLES = 10_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,14 +46,11 @@ class CrossValidation(Printable):
         """How much better than the configuration as it stands, `[folds]`."""
         return self.scores - np.array([fold.given_score for fold in self.folds])
 
-    def interval(
-        self, of: Sequence[float] | np.ndarray | None = None, *, resamples: int = 10_000
-    ) -> Interval:
+    def interval(self, of: Sequence[float] | np.ndarray | None = None) -> Interval:
         """Percentile bootstrap interval over scenes of a mean, at 95 %; NaN with one scene.
 
         Args:
           of: Values per fold, such as `gains`; `scores` if left out.
-          resamples: Draws.
         """
         from scipy.stats import bootstrap
 
@@ -63,7 +61,7 @@ class CrossValidation(Printable):
         if np.all(values == values[0]):
             return float(values[0]), float(values[0])
         drawn = bootstrap(
-            (values,), np.mean, n_resamples=resamples, method="percentile", rng=0
+            (values,), np.mean, n_resamples=_RESAMPLES, method="percentile", rng=0
         ).confidence_interval
         return float(drawn.low), float(drawn.high)
 

@@ -20,11 +20,10 @@ from remind_jax.synthetic.rendering import RenderedSequence, render
 from remind_jax.synthetic.scene import Scene
 
 _MAX_ID = 255
+_JPEG_QUALITY = 92
 
 
-def write_davis(
-    sequence: RenderedSequence | Scene, folder: str | Path, jpeg_quality: int = 92
-) -> Path:
+def write_davis(sequence: RenderedSequence | Scene, folder: str | Path) -> Path:
     """Writes a folder with `JPEGImages/<name>`, `Annotations/<name>` and two metadata files.
 
     Annotations are 8-bit grayscale instance maps, 0 where nothing is annotated;
@@ -39,12 +38,12 @@ def write_davis(
     """
     scene = sequence.scene if isinstance(sequence, RenderedSequence) else sequence
     frames = sequence.frames if isinstance(sequence, RenderedSequence) else render(scene)
-    for _ in _write_frames(frames, scene, Path(folder), jpeg_quality):
+    for _ in _write_frames(frames, scene, Path(folder)):
         pass
     return Path(folder)
 
 
-def record_davis(scene: Scene, folder: str | Path, jpeg_quality: int = 92) -> Iterator[Frame]:
+def record_davis(scene: Scene, folder: str | Path) -> Iterator[Frame]:
     """Renders a scene into a folder, as `write_davis` does, with the times of its pictures.
 
     Yields:
@@ -54,7 +53,7 @@ def record_davis(scene: Scene, folder: str | Path, jpeg_quality: int = 92) -> It
       OutputError: As `write_davis`.
     """
     times_s = []
-    for frame, picture in _write_frames(render(scene), scene, Path(folder), jpeg_quality):
+    for frame, picture in _write_frames(render(scene), scene, Path(folder)):
         times_s.append(frame.time_s)
         yield dataclasses.replace(frame, image=decode_image(picture))
     with _writing(Path(folder)):
@@ -71,7 +70,7 @@ def _writing(root: Path) -> Iterator[None]:
 
 
 def _write_frames(
-    frames: Iterable[Frame], scene: Scene, root: Path, jpeg_quality: int
+    frames: Iterable[Frame], scene: Scene, root: Path
 ) -> Iterator[tuple[Frame, bytes]]:
     """Writes pictures, instance maps and, at the end, metadata; yields frames and pictures."""
     largest = max((item.instance_id for item in scene.objects), default=0)
@@ -94,7 +93,7 @@ def _write_frames(
             instances[mask] = instance
             sightings[instance].append(frame.index)
         bgr = cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR)
-        picture = _encode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])
+        picture = _encode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         with _writing(root):
             (image_folder / f"{frame.name}.jpg").write_bytes(picture)
             (map_folder / f"{frame.name}.png").write_bytes(_encode(".png", instances))

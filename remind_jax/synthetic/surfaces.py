@@ -97,7 +97,6 @@ def revolve(
     profile_m: Sequence[tuple[float, float]],
     image: Image,
     num_sides: int = 16,
-    center_m: Sequence[float] = (0, 0),
 ) -> Surface:
     """A surface of revolution about a vertical axis.
 
@@ -107,8 +106,7 @@ def revolve(
     """
     radius, z = np.array(profile_m, float).T
     angle = np.pi / 2 + np.linspace(0, 2 * np.pi, num_sides + 1)
-    x = center_m[0] + radius[:, None] * np.cos(angle)
-    y = center_m[1] + radius[:, None] * np.sin(angle)
+    x, y = radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)
     return Surface(np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], -1), image)
 
 
@@ -133,7 +131,6 @@ def tube(
     path_m: Float[np.ndarray, "R 3"],
     radius_m: Float[np.ndarray, "R"] | float,
     image: Image,
-    num_sides: int = 6,
 ) -> Surface:
     """A round tube along a path in a vertical plane `y = const` (handles, spouts, stems)."""
     path = np.asarray(path_m, float)
@@ -141,7 +138,7 @@ def tube(
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     aside = np.array([0.0, 1.0, 0.0])
     other = np.cross(aside, along)
-    angle = np.linspace(0, 2 * np.pi, num_sides + 1)[None, :, None]
+    angle = np.linspace(0, 2 * np.pi, 7)[None, :, None]
     ring = np.cos(angle) * aside + np.sin(angle) * other[:, None]
     radius = np.broadcast_to(np.asarray(radius_m, float), len(path))
     return Surface(path[:, None] + radius[:, None, None] * ring, image)

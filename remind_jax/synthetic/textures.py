@@ -16,12 +16,12 @@ Color = tuple[float, float, float]
 Pattern = Callable[[np.random.Generator, int, int, Sequence[Color]], Image]
 
 
-def draw_palette(rng: np.random.Generator, num: int = 4) -> list[Color]:
+def draw_palette(rng: np.random.Generator) -> list[Color]:
     """A main color and partners that contrast with it in hue or in brightness."""
     hue = rng.uniform(0, 180)
     saturation, value = rng.uniform(90, 215), rng.uniform(110, 225)
     colors = [_from_hsv(hue, saturation, value)]
-    for index in range(num - 1):
+    for index in range(3):
         partner_hue = hue + rng.choice([0.0, 25.0, 80.0, 95.0]) + rng.uniform(-8, 8)
         bright = value > 165
         partner_value = (

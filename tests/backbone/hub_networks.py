@@ -1,20 +1,23 @@
-"""A small made network under a name of its own, published on a hub of this machine."""
+"""A small made network under a name of its own, published on what stands for the hub."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
-from collections.abc import Iterator
+import inspect
+import io
+import time
+import urllib.request
 from pathlib import Path
+from typing import Any
 
+import huggingface_hub
 import pytest
 from safetensors.numpy import save
 
 from remind_jax.backbone import published_weights, registry, vit_variants, vit_weights
 from remind_jax.backbone.published_weights import PublishedWeights
 from remind_jax.backbone.vit_weights import load_weights
-from tests.backbone.local_hub import LocalHub
 from tests.golden.vit import load as golden
 from tests.weights_convert.hugging_face import as_hugging_face
 from tests.weights_convert.pth_files import write_pth
@@ -26,7 +29,34 @@ NAME, REPOSITORY, REVISION = (
     "facebook/test",
     "0123456789abcdef0123456789abcdef01234567",
 )
-FILE, PLAIN = "model.safetensors", "authors/test_pretrain.pth"
+FILE, PLAIN = "model.safetensors", "https://authors/test_pretrain.pth"
+
+
+_DOWNLOAD = inspect.signature(huggingface_hub.hf_hub_download)
+
+
+class LocalHub:
+    """Files by address, instead of the hub and of authors' servers."""
+
+    def __init__(self, files: dict[str, bytes], tmp_path: Path, patch: pytest.MonkeyPatch) -> None:
+        self.files, self.fetched = files, []
+        self.error: Exception | None = None  # that fetching ends with
+        self.delay_s = 0.0
+        patch.setattr(huggingface_hub, "hf_hub_download", self._download)
+        patch.setattr(urllib.request, "urlopen", lambda it, **_: io.BytesIO(self._read(it)))
+        patch.setattr(huggingface_hub.constants, "HF_HUB_CACHE", str(tmp_path / "hf" / "hub"))
+
+    def _download(self, *given: str, **options: Any) -> None:
+        asked = _DOWNLOAD.bind(*given, **options).arguments
+        content = self._read("/".join(asked[name] for name in ("repo_id", "revision", "filename")))
+        (asked["local_dir"] / asked["filename"]).write_bytes(content)
+
+    def _read(self, address: str) -> bytes:
+        self.fetched.append(address)
+        time.sleep(self.delay_s)
+        if self.error is not None:
+            raise self.error
+        return self.files[address]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +84,7 @@ class Published:
         """Lets the table name a file of an authors' server."""
         entry = PublishedWeights(
             PLAIN.rpartition("/")[2],
-            address=f"{self.hub.address}/{PLAIN}",
+            address=PLAIN,
             sha256=hashlib.sha256(self.pickled).hexdigest(),
             num_bytes=len(self.pickled),
         )
@@ -62,9 +92,8 @@ class Published:
         self.publish(**changes)
 
 
-@contextlib.contextmanager
-def published_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Published]:
-    """Serves the network, and lets `huggingface_hub` ask there."""
+def published_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Published:
+    """Publishes the network."""
     official = golden.load("dinov2_tiny").official()
     content = save(as_hugging_face(official, "dinov2"))
     pickled = write_pth(tmp_path / "made.pth", official).read_bytes()
@@ -81,28 +110,6 @@ def published_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
         FILE, REPOSITORY, REVISION, None, hashlib.sha256(content).hexdigest(), len(content)
     )
     monkeypatch.setitem(published_weights.PUBLISHED, NAME, entry)
-    hub = LocalHub({f"{REPOSITORY}/{FILE}": content, PLAIN: pickled}, REVISION)
-    with hub, ask_there(hub, tmp_path, monkeypatch):
-        yield Published(hub, content, pickled, tmp_path / "cache" / "weights", monkeypatch)
-
-
-@contextlib.contextmanager
-def ask_there(hub: LocalHub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """`huggingface_hub` in this process as if HF_ENDPOINT and HF_HOME had been set before."""
-    from huggingface_hub import close_session, constants
-
-    for name in ("NO_PROXY", "no_proxy"):
-        monkeypatch.setenv(name, "127.0.0.1,localhost")
-    for name in ("HF_TOKEN", "HUGGING_FACE_HUB_TOKEN", "HF_ENDPOINT", "HF_HUB_OFFLINE"):
-        monkeypatch.delenv(name, raising=False)
-    template = "/{repo_id}/resolve/{revision}/{filename}"
-    monkeypatch.setattr(constants, "ENDPOINT", hub.address)
-    monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", hub.address + template)
-    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
-    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "hf" / "hub"))
-    monkeypatch.setattr(constants, "HF_TOKEN_PATH", str(tmp_path / "hf" / "token"))
-    monkeypatch.setattr(constants, "HF_HUB_DOWNLOAD_TIMEOUT", 2)
-    monkeypatch.setattr(constants, "HF_HUB_ETAG_TIMEOUT", 2)
-    close_session()
-    yield
-    close_session()
+    files = {f"{REPOSITORY}/{REVISION}/{FILE}": content, PLAIN: pickled}
+    hub = LocalHub(files, tmp_path, monkeypatch)
+    return Published(hub, content, pickled, tmp_path / "cache" / "weights", monkeypatch)

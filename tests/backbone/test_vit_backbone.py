@@ -82,8 +82,6 @@ def test_wrong_options():
     file = converted_file("dinov3_tiny_mlp")
     with pytest.raises(ConfigError, match="precision is 'float16'; allowed: float32, bfloat16"):
         get_backbone(f"vit:{file}", precision="float16")
-    with pytest.raises(ConfigError, match="attention is 'flash'; allowed: auto, plain, chunked"):
-        get_backbone(f"vit:{file}", attention="flash")
     with pytest.raises(ConfigError, match="has no option 'weight'; did you mean 'weights'"):
         get_backbone("dinov3-vits16", weight="a")
 

@@ -6,17 +6,7 @@ import shutil
 
 import pytest
 
-from remind_jax.benchmark.records import Record
-from remind_jax.benchmark.scoring import Scored
-from remind_jax.benchmark.tables import axis_table, main_table, save_tables
 from remind_jax.cli.main import main
-
-
-def test_other_scenes_have_no_table_by_difficulty(tmp_path):
-    record = Record("iou", "kitchen", "masks", "", "failed", "no")
-    assert axis_table([Scored(record)], {}) is None
-    saved = save_tables({"masks": main_table([Scored(record)], {})}, tmp_path / "tables")
-    assert {path.suffix for path in saved} >= {".md", ".csv", ".tex", ".txt"}
 
 
 def test_the_command_writes_tables_and_tells_numbers(dataset, tmp_path, capsys, monkeypatch):

@@ -2,9 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from remind_jax.metrics.sequence import TrackingSequence
+
+
+def from_frames(
+    gt_ids: Sequence[Any], pred_ids: Sequence[Any], similarities: Sequence[Any]
+) -> TrackingSequence:
+    """One entry per frame; similarities are matrices `[ground truth, predictions]`."""
+    rows = {}
+    for side, ids in (("gt", gt_ids), ("pred", pred_ids)):
+        counts = [len(entry) for entry in ids]
+        rows[side] = np.repeat(np.arange(len(ids)), counts), [i for entry in ids for i in entry]
+    pairs = []
+    for frame, matrix in enumerate(similarities):
+        matrix = np.asarray(matrix, float).reshape(len(gt_ids[frame]), len(pred_ids[frame]))
+        row, column = np.nonzero(matrix)
+        first, first_pred = (np.searchsorted(rows[side][0], frame) for side in ("gt", "pred"))
+        pairs.append((row + first, column + first_pred, matrix[row, column]))
+    joined = tuple(np.concatenate(part) for part in zip(*pairs, strict=True))
+    return TrackingSequence.create(len(gt_ids), rows["gt"], rows["pred"], joined)
 
 
 def sequence_from_answers(*lines: str) -> TrackingSequence:
@@ -31,7 +52,7 @@ def sequence_from_answers(*lines: str) -> TrackingSequence:
         for row, column in pairs[frame]:
             matrix[row, column] = 1.0
         matrices.append(matrix)
-    return TrackingSequence.from_frames(gt, pred, matrices)
+    return from_frames(gt, pred, matrices)
 
 
 def random_sequence(seed: int, num_frames: int = 12, num_objects: int = 5) -> TrackingSequence:
@@ -47,4 +68,4 @@ def random_sequence(seed: int, num_frames: int = 12, num_objects: int = 5) -> Tr
         gt.append(objects)
         pred.append(labels)
         matrices.append(overlap)
-    return TrackingSequence.from_frames(gt, pred, matrices)
+    return from_frames(gt, pred, matrices)

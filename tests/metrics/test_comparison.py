@@ -16,7 +16,7 @@ TABLE = ComparisonTable(
         Row("ours & co", {"IDF1": 0.9, "IDSW": 5, "Recovery": math.nan}, {"IDF1": (0.85, 0.93)}),
         Row("[peer]", {"IDF1": 0.5, "IDSW": 2, "own": 1.5}, note="1 of 3 scenes | failed"),
     ],
-    columns=["IDF1", "IDSW", "Recovery", Column("own", "ms", "lower", "Time.", "t & $x$")],
+    columns=["IDF1", "IDSW", "Recovery", Column("own", "ms", "lower", "t & $x$")],
     legend=["Scores in percent"],
     title="Rooms <1>",
 )

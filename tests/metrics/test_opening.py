@@ -58,17 +58,6 @@ def test_every_mixture_scores_alike(tmp_path: Path, truth: str, prediction: str)
     assert not evaluation.failed
 
 
-@pytest.mark.parametrize("name", WRITERS)
-def test_formats_are_recognized(tmp_path: Path, name: str):
-    format, write = WRITERS[name]
-    opened = open_scenes(write(tmp_path / "x", TRUTH))
-    assert opened.format == format
-    rows = next(iter(opened.read.values()))()
-    assert rows.num_frames == 4
-    assert rows.track_id.tolist() == [1, 2, 1, 2, 1, 1, 2]
-    assert rows.boxes[1].tolist() == [3, 0, 5, 4]
-
-
 def test_truth_beside_detections_that_are_input_is_no_run(tmp_path: Path):
     truth = made.write_davis(tmp_path / "truth", TRUTH)
     (truth / "detections.jsonl").write_text('{"frame": 0, "detections": []}\n')

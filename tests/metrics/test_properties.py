@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
 from remind_jax.metrics.sequence import TrackingSequence
-from tests.metrics.tables import random_sequence
+from tests.metrics.tables import from_frames, random_sequence
 
 SEEDS = st.integers(0, 2**31)
 
@@ -33,11 +33,6 @@ def per_frame(sequence: TrackingSequence) -> list[tuple[np.ndarray, np.ndarray, 
         matrix[sequence.pair_gt, sequence.pair_pred] = sequence.pair_similarity
         frames.append((sequence.gt_id[gt], sequence.pred_id[pred], matrix[gt, pred]))
     return frames
-
-
-def from_frames(frames: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> TrackingSequence:
-    gt, pred, matrices = zip(*frames, strict=True)
-    return TrackingSequence.from_frames(gt, pred, matrices)
 
 
 @settings(deadline=None, max_examples=25)
@@ -62,7 +57,8 @@ def test_order_of_rows_changes_nothing(seed: int):
         rows, columns = rng.permutation(len(gt)), rng.permutation(len(pred))
         shuffled.append((gt[rows], pred[columns], matrix[np.ix_(rows, columns)]))
     assert_scores(
-        evaluate_sequence(from_frames(shuffled)).scores(), evaluate_sequence(sequence).scores()
+        evaluate_sequence(from_frames(*zip(*shuffled, strict=True))).scores(),
+        evaluate_sequence(sequence).scores(),
     )
 
 
@@ -71,7 +67,7 @@ def test_order_of_rows_changes_nothing(seed: int):
 def test_two_sequences_in_a_row_are_two_sequences_pooled(first_seed: int, second_seed: int):
     first, second = random_sequence(first_seed), random_sequence(second_seed)
     apart = [(gt + 100, pred + 100, matrix) for gt, pred, matrix in per_frame(second)]
-    joined = from_frames([*per_frame(first), *apart])
+    joined = from_frames(*zip(*[*per_frame(first), *apart], strict=True))
     pooled = pool_evaluations([evaluate_sequence(first), evaluate_sequence(second)])
     assert_scores(evaluate_sequence(joined).scores(), pooled.scores())
 
@@ -80,7 +76,7 @@ def test_two_sequences_in_a_row_are_two_sequences_pooled(first_seed: int, second
 @given(SEEDS)
 def test_truth_as_its_own_prediction_is_perfect(seed: int):
     frames = [(gt, gt, np.eye(len(gt))) for gt, _, _ in per_frame(random_sequence(seed))]
-    scores = evaluate_sequence(from_frames(frames)).scores()
+    scores = evaluate_sequence(from_frames(*zip(*frames, strict=True))).scores()
     for name in ("IDF1", "HOTA", "MOTA", "AssA"):
         assert scores[name] == 1.0
     assert scores["IDSW"] == 0

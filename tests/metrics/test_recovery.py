@@ -17,7 +17,7 @@ from remind_jax.metrics.recovery import (
 )
 from remind_jax.metrics.sequence import TrackingSequence
 from tests.metrics.golden import ROOT, read_json
-from tests.metrics.tables import sequence_from_answers
+from tests.metrics.tables import from_frames, sequence_from_answers
 
 GOLDEN = read_json(ROOT / "recovery.json")
 CASES = {case["name"]: case for case in GOLDEN["cases"]}
@@ -77,9 +77,7 @@ def test_a_return_may_need_a_longer_absence():
 
 
 def test_weak_overlaps_answer_only_if_admitted():
-    sequence = TrackingSequence.from_frames(
-        [[1], [], [1]], [[4], [], [4]], [[[0.3]], [[]], [[0.3]]]
-    )
+    sequence = from_frames([[1], [], [1]], [[4], [], [4]], [[[0.3]], [[]], [[0.3]]])
     assert collect_answers(sequence).label.tolist() == [NO_LABEL, NO_LABEL]
     assert collect_answers(sequence, 0.0).label.tolist() == [0, 0]
 

@@ -103,16 +103,6 @@ def test_only_processed_frames_are_evaluated(tmp_path: Path, truth: Path):
     assert evaluation.scores()["GT_Dets"] == 5
 
 
-def test_a_sampled_run_meets_the_right_frames_of_a_truth_without_names(tmp_path: Path):
-    every_second = [
-        dataclasses.replace(frame, frame_index=at) for at, frame in enumerate(make_run()[::2])
-    ]
-    (tmp_path / "gt.txt").write_text(made.mot_text(LINES))
-    evaluation = evaluate(tmp_path / "gt.txt", save(tmp_path / "run", every_second))
-    scores = evaluation.scores()
-    assert (scores["GT_Dets"], scores["LocA"], scores["CLR_FP"]) == (5, 1.0, 0)
-
-
 def test_undecided_detections_beside_the_truth_are_no_observations(tmp_path: Path, truth: Path):
     run = make_run()
     stray = np.zeros((1, made.HEIGHT, 6), bool)

@@ -38,27 +38,10 @@ def test_what_trackeval_refuses_is_refused(changes: dict[str, Any], message: str
         create(**changes)
 
 
-def test_similarities_must_fit_their_frame():
-    with pytest.raises(SourceError, match=r"frame 1: similarities have shape \(1, 2\)"):
-        TrackingSequence.from_frames([[1], [1]], [[1], [1]], [[[1.0]], [[1.0, 0.0]]])
-
-
 def test_pairs_are_ordered_and_those_without_overlap_left_out():
     sequence = create(pairs=([2, 1, 0], [1, 0, 0], [0.7, 0.0, 0.5]))
     assert sequence.pair_gt.tolist() == [0, 2]
     assert sequence.pair_similarity.tolist() == [0.5, 0.7]
-
-
-def test_selection_keeps_the_pairs_between_what_is_left():
-    sequence = create(
-        gt_class=[0, 1, 0], pred_class=[1, 0], class_names=("cup", "box"), name="desk"
-    )
-    cups = sequence.select_class("cup")
-    assert cups.gt_id.tolist() == [5, 5]
-    assert cups.pred_frame.tolist() == [1]
-    assert (cups.pair_gt.tolist(), cups.pair_pred.tolist()) == ([1], [0])
-    with pytest.raises(SourceError, match="desk has no class 'vase'; it has cup, box"):
-        sequence.select_class("vase")
 
 
 @pytest.mark.parametrize("ids", [[], [3], [7, 7, 5, 6], [-4, 10**12, -4], [2**40, 0, 1]])

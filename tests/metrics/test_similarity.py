@@ -63,12 +63,6 @@ def test_sequences_in_chunks_equal_frames_alone(monkeypatch: pytest.MonkeyPatch)
     assert np.all(np.diff(row * 50 + column) > 0)
 
 
-def test_nothing_overlaps_nothing():
-    one = np.ones((1, 4, 4), bool)
-    assert rle_iou((), encode_masks(one)).shape == (0, 1)
-    assert rle_iou(encode_masks(~one), encode_masks(~one)).tolist() == [[0.0]]
-
-
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_other_sizes_are_refused():
     small, large = np.ones((1, 4, 4), bool), np.ones((1, 4, 8), bool)

@@ -22,6 +22,7 @@ from remind_jax.metrics.visit_evaluation import (
     visit_scores,
 )
 from remind_jax.tracks import Tracks
+from tests.metrics.tables import from_frames
 from tests.outputs import fake_run
 
 NOBODY = -1
@@ -37,7 +38,7 @@ def visit(*frames: dict[int, int]) -> TrackingSequence:
         )
         for frame, ids, labels in zip(frames, truth, called, strict=True)
     ]
-    return TrackingSequence.from_frames(truth, called, overlap)
+    return from_frames(truth, called, overlap)
 
 
 FIRST = visit({1: 10, 2: 20, 3: 30}, {1: 10, 2: 20, 3: 30}, {1: 10, 2: 20})
@@ -86,11 +87,6 @@ def test_recovery_within_and_across_add_up():
     joined = collect_answers(join_visits([first, second], "both"))
     whole = count_recovery(joined, find_reference(joined))
     assert within.opportunities + across.opportunities == whole.opportunities.sum()
-
-
-def test_an_object_in_the_last_and_the_next_first_frame_returns():
-    _, across = split_recovery([visit({1: 10}), visit({1: 10})])
-    assert across.opportunities == across.recovered == 1
 
 
 def test_classes_of_visits_are_joined_by_name():

@@ -36,13 +36,6 @@ def test_branch_in_batches_equals_a_loop(preds):
     )
 
 
-def test_branch_on_a_shared_predicate():
-    x = jnp.arange(3.0)
-    for pred in (True, False):
-        got = jax.vmap(_choose, (None, 0, None))(jnp.bool_(pred), x, 1.0)["value"]
-        np.testing.assert_array_equal(got, _choose(jnp.bool_(pred), x, 1.0)["value"])
-
-
 _double_all = jax.jit(jax.vmap(_double, (0, None)))
 _double_nested = jax.jit(jax.vmap(jax.vmap(_double, (0, None)), (None, 0)))
 
@@ -76,16 +69,6 @@ def test_a_batch_skips_a_branch_that_nobody_takes():
     assert num_calls == 0
     jax.block_until_ready(batch(jnp.array([False, True, False, False]), jnp.arange(4.0)))
     assert num_calls > 0
-
-
-def test_inside_a_scan():
-    def run(x):
-        def add(total, step):
-            return branch(step > total, lambda: total + x, lambda: total), None
-
-        return jax.lax.scan(add, 0.0, jnp.arange(4.0))[0]
-
-    np.testing.assert_array_equal(jax.vmap(run)(jnp.arange(3.0)), [run(x) for x in range(3)])
 
 
 def _fill(stop):

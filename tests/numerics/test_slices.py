@@ -48,9 +48,3 @@ def test_every_member_may_have_a_place_of_its_own():
     starts = np.array([0, 3], np.int32)
     taken = jax.vmap(lambda array, start: take_slice(array, start, 2, 1))(ARRAYS, starts)
     np.testing.assert_array_equal(taken, np.stack([ARRAYS[0, :, :2], ARRAYS[1, :, 3:]]))
-
-
-def test_rows_that_a_batch_shares():
-    put = jax.vmap(lambda array: put_slice(array, ROWS[0, 0], jnp.int32(1)))(ARRAYS[0])
-    np.testing.assert_array_equal(put[:, 1:3], np.broadcast_to(ROWS[0, 0], (3, 2, 4)))
-    np.testing.assert_array_equal(put[:, 3:], ARRAYS[0, :, 3:])

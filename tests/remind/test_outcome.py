@@ -7,30 +7,11 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.decision import Outcome, no_decisions
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.outcome import rank_candidates
 from remind_jax.remind.state import init
-from tests.remind.association.tables import SLOTS, STATIC, decide_frames, empty_frame, visual_frame
-
-
-def test_padding_is_empty(x64):
-    d = decide_frames([visual_frame([{0: 0.9}]), empty_frame(0, 3)]).decisions
-    assert (d.outcome[0, 1:] == Outcome.EMPTY).all()
-    assert (d.outcome[1] == Outcome.EMPTY).all()
-    for values in (d.object_id, d.option_id, d.candidate_id, d.assigned_id, d.guarded_id):
-        assert (values[1] == NO_ID).all()
-    blank = no_decisions(STATIC)
-    for name in (field.name for field in dataclasses.fields(blank)):
-        np.testing.assert_array_equal(getattr(d, name)[1], getattr(blank, name), name)
-
-
-def test_without_objects_everything_is_new(x64):
-    d = decide_frames([empty_frame(3, 0)]).decisions
-    assert d.outcome[0].tolist() == [Outcome.NEW] * 3 + [Outcome.EMPTY] * 2
-    assert (d.object_id == NO_ID).all()  # given by the memory
-    assert (d.confidence == 0).all()
+from tests.remind.association.tables import SLOTS, STATIC, decide_frames, visual_frame
 
 
 def test_candidates_are_listed_by_falling_score_then_rising_id(x64):

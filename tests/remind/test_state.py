@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.decision import Outcome
-from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.method import METHOD
 from remind_jax.remind.state import TrackerState, init
 from tests.statics import change_static
 from tests.tiny_world import STATIC
 
-WIDER = change_static(STATIC, num_objects=13, num_pending=11)
 WIDEST = change_static(STATIC, num_detections=9, num_objects=17, num_pending=12)
 
 
@@ -50,35 +46,6 @@ def test_growing_keeps_everything():
     ]
     for old, new in zip(*map(jax.tree.leaves, rest), strict=True):
         np.testing.assert_array_equal(new[tuple(map(slice, old.shape))], old)
-
-
-def test_what_is_added_is_empty():
-    large, empty = METHOD.enlarge(fill(init(STATIC)), WIDEST), init(WIDEST)
-    objects, pending = STATIC.num_objects, STATIC.num_pending
-    assert (large.objects.id[objects:] == NO_ID).all()
-    assert not large.objects.exists[objects:].any()
-    for name in ("objects", "cooccurrence"):
-        for new, free in zip(
-            *(jax.tree.leaves(getattr(s, name)) for s in (large, empty)), strict=True
-        ):
-            np.testing.assert_array_equal(new[objects:], free[objects:])
-    assert (large.pending.kind[pending:] == 0).all()
-    assert (large.decisions.outcome[STATIC.num_detections :] == Outcome.EMPTY).all()
-    assert (large.wholes.size[:, :, objects : WIDEST.num_objects] == 0).all()
-    assert (large.overflow.objects, large.overflow.pending) == (0, 0)
-
-
-def test_growing_in_steps_is_growing_at_once():
-    small = fill(init(STATIC))
-    chex.assert_trees_all_equal(
-        METHOD.enlarge(METHOD.enlarge(small, WIDER), WIDEST),
-        METHOD.enlarge(small, WIDEST),
-        strict=True,
-    )
-    overflow = init(STATIC).overflow
-    chex.assert_trees_all_equal(
-        METHOD.enlarge(small, STATIC), dataclasses.replace(small, overflow=overflow), strict=True
-    )
 
 
 @pytest.mark.parametrize("make", [init, lambda static: METHOD.enlarge(fill(init(STATIC)), static)])

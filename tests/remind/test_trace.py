@@ -60,27 +60,3 @@ def test_candidates_are_those_of_the_decisions_by_falling_score(steps):
             assert np.all(np.diff(c.visual_score[row][: len(shown)]) <= 0)
             if trace.detections.num_candidates[row] <= d.candidate_id.shape[1]:
                 assert shown.tolist() == d.candidate_id[row][: len(shown)].tolist()
-
-
-def test_named_objects_are_among_the_candidates(steps):
-    known: set[int] = set()  # before the frame
-    for state, trace in steps:
-        for row in rows_of(state):
-            shown = set(trace.detections.candidates.id[row].tolist())
-            d = state.decisions
-            s = trace.stages
-            named = {*d.option_id[row].tolist(), int(s.assigned_id[row]), int(s.guarded_id[row])}
-            named |= set(trace.detections.passes.option_id[row].ravel().tolist())
-            assert (named & known) <= shown
-        known = set(state.objects.id.tolist()) - {NO_ID}
-
-
-def test_sets_explain_as_many_detections_as_they_have_members(steps):
-    some = 0
-    for _, trace in steps:
-        sets = trace.sets
-        sizes = (sets.member_id != NO_ID).sum(axis=1)
-        np.testing.assert_array_equal(sizes, sets.detections.sum(axis=1))
-        assert np.all(np.diff(sets.score[sets.valid]) <= 1e-7)
-        some += sets.valid.sum()
-    assert some > 50

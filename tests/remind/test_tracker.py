@@ -224,15 +224,6 @@ def test_features_that_are_not_finite_never_reach_memory(states, bad):
         assert np.isfinite(leaf).all()
 
 
-def test_an_unused_slot_among_used_ones_is_empty(states):
-    feats, masks = world.make_frames(1, SEED, share=1.0)[0]
-    gone = np.arange(world.BOXES) == 3
-    without = dataclasses.replace(masks, valid=masks.valid & ~gone)
-    (after,) = world.run([(feats, without)], state=states[-1])
-    assert after.decisions.outcome[3] == Outcome.EMPTY
-    assert after.decisions.object_id[3] == NO_ID
-
-
 @pytest.mark.slow
 def test_overflow_is_flagged_and_changes_nothing_else(states, sweep):
     """Strangers fill the memory; grown, it takes the same frame."""

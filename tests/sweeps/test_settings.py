@@ -6,7 +6,7 @@ import pytest
 
 from remind_jax.config import load_config
 from remind_jax.errors import ConfigError, RemindError
-from remind_jax.sweeps import SceneBench, draw, grid, parse_values, read_settings, sweep
+from remind_jax.sweeps import SceneBench, draw, parse_values, read_settings, sweep
 from remind_jax.sweeps.settings import MAX_SETTINGS, as_settings, check_space, complete
 
 
@@ -127,11 +127,6 @@ def test_settings_are_checked_before_a_scene_is_opened(settings):
 def test_what_is_no_list_of_settings_is_refused(given):
     with pytest.raises(ConfigError):
         as_settings(given)
-
-
-def test_a_grid_of_too_many_settings_is_refused():
-    with pytest.raises(ConfigError, match="at most 100000 are allowed"):
-        grid({name: range(1000) for name in "ab"})
 
 
 @pytest.mark.parametrize(

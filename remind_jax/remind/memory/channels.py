@@ -28,6 +28,7 @@ from remind_jax.remind.thresholds.memory import Appearance, Background
 from remind_jax.static import Static
 
 GLOBAL, TRIMMED = 0, 1
+_TRIMMED_BASE = 0.1  # quality of the typical patches of an object of quality 0
 
 
 def appearance_quality(patch_sum: Float[Array, "N"], t: Appearance) -> Float[Array, "N 2"]:
@@ -36,7 +37,7 @@ def appearance_quality(patch_sum: Float[Array, "N"], t: Appearance) -> Float[Arr
     ramp = divide(patch_sum - t.patches_min, jnp.where(span > 0, span, 1.0))
     ramp = jnp.clip(ramp, 0.0, 1.0)
     quality = jnp.where(span > 0, ramp, (patch_sum >= t.patches_full).astype(ramp.dtype))
-    trimmed = jnp.minimum(1.0, t.trimmed_base + (1.0 - t.trimmed_base) * quality)
+    trimmed = jnp.minimum(1.0, _TRIMMED_BASE + (1.0 - _TRIMMED_BASE) * quality)
     return jnp.stack([quality, trimmed], axis=-1)
 
 

@@ -38,8 +38,6 @@ class Appearance:
     patches_full: Real = setting(24.0, "effective patches at quality 1", "effective patches",
         more="fewer views have full quality", key=f"{_A}.quality_full_patches",
         not_below="patches_min")
-    trimmed_base: Real = setting(0.10, "quality of a trimmed descriptor at quality 0", "quality",
-        more="small views teach the trimmed bank more")
     create_quality: Real = setting(0.35, "least quality of an inserted observation", "quality",
         more="fewer views are inserted", key=f"{_A}.create_min_quality")
     refresh_work: Gate = setting(True,

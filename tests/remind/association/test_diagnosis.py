@@ -8,15 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.decision import Status
-from remind_jax.remind.association.diagnosis import Evidence, diagnose, find_anchors, top_two
+from remind_jax.remind.association.diagnosis import Evidence, diagnose
 from remind_jax.remind.thresholds.association import Diagnosis
 
 DIAGNOSE = jax.jit(diagnose, static_argnames="margin")
-ANCHORS = jax.jit(find_anchors)
 WIDTH = 4
 
 
@@ -57,20 +55,6 @@ def test_status(x64, scores, status, num_close):
     assert (evidence.best_score, evidence.second_score) == (first, second)
 
 
-def test_margin_kinds(x64):
-    lead = 1 / (1 + np.exp(-0.2 / 0.05))
-    distinct = (0.9 - 0.7) / 0.3
-    rest = 0.9 * lead * distinct
-    for margin, value in (
-        ("linear", 0.2),
-        ("linear_relative", 0.2 / 0.9),
-        ("sigmoid", 1 / (1 + np.exp(-(0.2 - 0.1) / 0.05))),
-        ("sigmoid_relative", 1 / (1 + np.exp(-(0.2 / 0.9 - 0.1) / 0.05))),
-    ):
-        evidence = look(0.9, 0.7, num_terms=4, margin=margin)
-        assert evidence.confidence == pytest.approx(rest * value, rel=1e-9), margin
-
-
 def test_divisors_too_small_are_replaced(x64):
     """method.md#confidence: what does not exceed `small` gives way."""
 
@@ -90,36 +74,3 @@ def test_switches():
 
 
 scores = st.lists(st.floats(0, 1, width=32), max_size=WIDTH)
-
-
-@given(scores)
-def test_evidence_does_not_depend_on_the_order_of_candidates(values):
-    ours, theirs = look(*values), look(*values[::-1])
-    assert (ours.status, ours.num_close) == (theirs.status, theirs.num_close)
-    # Sums run in another order.
-    assert ours.confidence == pytest.approx(theirs.confidence, abs=1e-6)
-    assert 0 <= ours.confidence <= 1
-
-
-def test_top_two_take_the_first_of_equals():
-    best, top, second = top_two(*table([0.5, 0.7, 0.7], [0.2], []))
-    assert best.tolist()[:2] == [1, 0]
-    np.testing.assert_allclose(top, [0.7, 0.2, 0])
-    np.testing.assert_allclose(second, [0.7, 0, 0])
-
-
-def anchors(*rows: list[float]) -> list[tuple[int, int]]:
-    found = ANCHORS(*table(*rows), jax.tree.map(jnp.asarray, Diagnosis()))
-    return [(int(n), int(o)) for n, o in np.argwhere(found)]
-
-
-def test_anchors_are_clear(x64):
-    assert anchors([0.75, 0.60]) == [(0, 0)]
-    assert anchors([0.74]) == []
-    assert anchors([0.80, 0.73]) == []
-    assert anchors([0.2, 0.9], [0.9, 0.2]) == [(0, 1), (1, 0)]
-
-
-def test_one_anchor_per_object_the_better_one_then_the_first(x64):
-    assert anchors([0.80], [0.90], [0.85]) == [(1, 0)]
-    assert anchors([0.90], [0.90]) == [(0, 0)]

@@ -21,7 +21,7 @@ import pytest
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.remind.context.veto import expect_neighbors
-from tests.statics import change_static, make_static
+from tests.statics import change_static
 
 from .scenes import GOLDEN, STATIC, UNIT, Scene, read_context, read_view
 
@@ -138,9 +138,3 @@ def test_length_of_the_list_of_expected_neighbours():
         assert np.any(shown != expected_by(scene, without)), settings
         tried.add((settings.get(COUNT), settings.get(SCALE)))
     assert len(tried) == 4
-
-
-def test_published_length_of_that_list():
-    assert configure({SCALE: 2.0, COUNT: 6}) == Config()
-    switches = make_static().switches
-    assert switches.expected_neighbours == 2 * switches.context_hypotheses

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from remind_jax.remind.context.influence import no_influence
-from remind_jax.remind.context.veto import Veto, expect_neighbors, veto_pairs
+from remind_jax.remind.context.veto import Veto, veto_pairs
 from tests.statics import make_static
 
 from .scenes import thresholds, view_of
@@ -15,18 +15,7 @@ from .scenes import thresholds, view_of
 pytestmark = pytest.mark.usefixtures("x64")
 LEAST = 0.05  # conditional probability of an expected neighbor
 GATE = 0.75  # visual score of a plausible candidate
-_expect = jax.jit(expect_neighbors, static_argnames="static")
 _veto = jax.jit(veto_pairs, static_argnames="static")
-
-
-def test_only_the_first_edges_count():
-    """Edges beyond the length of a neighbor list are not looked at."""
-    static = make_static(precision="float64", max_neighbours=2)
-    told, count = np.full((6, 6), 0.3), np.ones((6, 6), np.int32)
-    order = np.tile(np.arange(6, dtype=np.int32), (6, 1))
-    view = view_of(told, count=count, edge_order=order)
-    found = np.asarray(_expect(view, LEAST, static=static, t=thresholds().veto))
-    np.testing.assert_array_equal(found, np.tile(np.arange(6) < 2, (6, 1)))
 
 
 MANY = 20
@@ -96,13 +85,3 @@ CONTRADICTED = Veto.LOCAL_CTX_CONTRADICTION
 def test_neighbors_that_are_not_in_view(met, expected):
     """method.md#veto, row 3; the context need not be good enough for a bonus."""
     assert meet(**met) == expected
-
-
-def test_own_neighbors_speak_before_the_context():
-    """A pair that both rules reject is named after the first."""
-    everything = {
-        "min_quality": 0.0, "max_support": 1.0, "max_score": 1.0, "min_pruning": 0.0,
-        "min_strength": 0.0, "max_supported": 9,
-    }  # fmt: skip
-    assert meet(3, 0, felt=("global_ok", "kept_count"), **everything) == CONTRADICTED
-    assert meet(3, 1, felt=("global_ok", "kept_count"), **everything) == Veto.OUTSIDE_CTX

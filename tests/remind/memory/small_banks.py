@@ -10,7 +10,6 @@ from jax.core import Tracer
 from remind_jax.remind.memory.prototypes import Bank, Edit, change, empty_bank, entry, new_entry
 
 NOW = jnp.int32(9)
-YES, NO = jnp.bool_(True), jnp.bool_(False)
 
 
 def unit(degrees):
@@ -31,7 +30,7 @@ def edit_of(bank, at=None, value=None, gone=None):
 
 
 def edited(bank, **edit):
-    return change(bank, edit_of(bank, **edit), entry(bank, jnp.int32(0)), NO)
+    return change(bank, edit_of(bank, **edit), entry(bank, jnp.int32(0)), jnp.bool_(False))
 
 
 def with_records(bank: Bank, **columns) -> Bank:

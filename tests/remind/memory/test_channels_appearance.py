@@ -7,7 +7,6 @@ import pytest
 
 from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.channels import (
-    appearance_quality,
     observe_wholes,
 )
 from remind_jax.remind.memory.prototypes import empty_bank
@@ -79,15 +78,3 @@ def test_banks_are_as_recorded():
         permit = Permit(may_insert, np.where(may_insert, 1.0, 0.2))
         seen = watch(new_banks(static), views, patches, permit, rules(**changes), static)
         assert_as_recorded("appearance", setting, seen)
-
-
-@pytest.mark.parametrize(("patches", "quality"), [(0, 0), (8, 0), (16, 0.5), (24, 1), (99, 1)])
-def test_quality_rises_with_the_patches(patches, quality):
-    found = appearance_quality(np.array([float(patches)]), rules().appearance)[0]
-    np.testing.assert_allclose(found, [quality, 0.1 + 0.9 * quality], atol=1e-12)
-
-
-def test_quality_is_a_step_without_a_span():
-    t = rules(patches_min=10.0, patches_full=10.0).appearance
-    found = appearance_quality(np.array([9.9, 10.0]), t)
-    np.testing.assert_allclose(found, [[0, 0.1], [1, 1]], atol=1e-12)

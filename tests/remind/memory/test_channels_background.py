@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from remind_jax.remind.memory.bank import Permit
-from remind_jax.remind.memory.channels import observe_wholes, ring_quality
+from remind_jax.remind.memory.channels import observe_wholes
 from remind_jax.remind.memory.prototypes import empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Background
@@ -77,19 +77,3 @@ def test_banks_are_as_recorded():
             (static.switches.inner_ring_slots, static.switches.outer_ring_slots)
         ):
             assert np.all(np.max(seen.size[:, :, ring], axis=(0, 2)) <= np.array(slots))
-
-
-@pytest.mark.parametrize(
-    ("inner", "outer", "solidity", "expected"),
-    [
-        (8, 12, 0.5, (0.0, 0.0)),
-        (20, 28, 1.0, (1.0, 1.0)),
-        (14, 20, 0.75, (0.5, 0.5)),
-        (0, 0, 1.0, (0.3, 0.3)),
-        (99, 99, 0.0, (0.7, 0.7)),
-    ],
-)
-def test_quality_of_rings(inner, outer, solidity, expected):
-    """method.md#ring-quality: seven parts size, three parts solidity."""
-    found = ring_quality(np.array([[inner, outer]]), np.array([solidity]), rules().background)[0]
-    np.testing.assert_allclose(found, expected, atol=1e-12)

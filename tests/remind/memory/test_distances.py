@@ -101,12 +101,6 @@ def read_order(graph: DistanceGraph, owner: Any, first: Any, second: Any) -> Pai
     return PairOrder(count, won / np.maximum(1, count), margin[owner, low, high], deviation)
 
 
-def test_of_equal_distances_the_larger_id_is_nearer():
-    equal = relate(symmetric((0, 1, 0.5), (0, 2, 0.5)))
-    graph = update(empty_distances(3, jnp.float32), equal, [0, 1, 2], [True] * 3)
-    assert (graph.nearer[0, 1, 2], graph.nearer[0, 2, 1]) == (0, 1)
-
-
 @pytest.mark.parametrize(
     ("allowed", "pending"),
     [
@@ -121,14 +115,6 @@ def test_who_collects_whom(allowed, pending):
         allowed=allowed,
     )  # fmt: skip
     np.testing.assert_array_equal(graph.pending.count, pending)
-
-
-def test_switched_off():
-    graph = update(
-        empty_distances(3, jnp.float32), relate(np.ones((3, 3))), [0, 1, 2], [True] * 3,
-        enabled=False,
-    )  # fmt: skip
-    assert not any(leaf.any() for leaf in jax.tree.leaves(graph))
 
 
 def test_forgotten_object_leaves_no_trace():

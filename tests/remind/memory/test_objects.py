@@ -1,6 +1,5 @@
 import dataclasses
 
-import chex
 import jax
 import jax.numpy as jnp
 import pytest
@@ -53,29 +52,6 @@ def test_creation_takes_slots_and_ids_in_detection_order():
     assert objects.class_id.tolist()[:3] == [7, 1, 3]
     assert objects.exists.tolist() == [True, True, True, False]
     assert standing(objects, 1) == ("NEW", 0, 0, 0)
-
-
-def test_example_of_the_page():
-    """method.md#lifecycle."""
-    t = rules()
-    objects, _ = born(0)
-    objects = mark_seen(objects, once(), jnp.int32(0), t)
-    assert standing(objects) == ("TENTATIVE", 1, 0, 1)
-    objects, _ = mark_missed(objects, only(), t)
-    assert standing(objects) == ("TENTATIVE", 1, 1, 2)
-    objects = mark_seen(objects, once(), jnp.int32(2), t)
-    assert standing(objects) == ("CONFIRMED", 2, 0, 3)
-    for _ in range(9):
-        objects, _ = mark_missed(objects, only(), t)
-    assert standing(objects) == ("CONFIRMED", 2, 9, 12)
-    objects, _ = mark_missed(objects, only(), t)
-    assert standing(objects) == ("INACTIVE", 2, 10, 13)
-    for _ in range(2):
-        objects, _ = mark_missed(objects, only(), t)
-    assert standing(objects) == ("INACTIVE", 2, 12, 15)
-    objects = mark_seen(objects, once(), jnp.int32(15), t)
-    assert standing(objects) == ("CONFIRMED", 3, 0, 16)
-    assert int(objects.last_seen[0]) == 15
 
 
 @pytest.mark.parametrize(
@@ -144,9 +120,3 @@ def test_removal_closes_gaps_and_takes_the_banks_along():
     assert again.id.tolist() == [0, 2, 3, -1]
     assert slot[0] == 2
     assert standing(again, 2) == ("NEW", 0, 0, 0)
-
-
-def test_nothing_forgotten_changes_nothing():
-    state = dataclasses.replace(init(STATIC), objects=born(5, 6)[0])
-    left = remove_objects(state, jnp.zeros(4, bool))
-    chex.assert_trees_all_equal(left, state)

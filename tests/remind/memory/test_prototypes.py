@@ -4,15 +4,10 @@ import chex
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.numerics.absent import NEVER
 from remind_jax.remind.memory.prototypes import (
-    closest_pair,
     empty_bank,
     keep_rows,
-    live,
-    nearest,
     new_entry,
-    similarities,
 )
 from tests.remind.memory.small_banks import (
     NOW,
@@ -22,28 +17,6 @@ from tests.remind.memory.small_banks import (
     unit,
     vectors_of,
 )
-
-
-def test_empty_bank_holds_nothing():
-    bank = empty_bank((2, 3), 4, 5, jnp.dtype("float32"))
-    assert bank.embedding.shape == (2, 3, 4, 5)
-    assert not live(bank).any()
-    assert (bank.last_seen == NEVER).all()
-    one = bank_of()
-    assert float(nearest(one, unit(0))[1]) == -np.inf
-    assert float(closest_pair(one)[0]) == -1.0
-
-
-def test_free_slots_are_never_nearest():
-    """Their embedding is zero, which is closer to an opposite vector than the prototype is."""
-    index, cosine = nearest(bank_of(unit(180)), unit(0))
-    assert int(index) == 0
-    np.testing.assert_allclose(cosine, -1, atol=1e-6)
-    assert np.isneginf(similarities(bank_of(unit(180)), unit(0))[1:]).all()
-
-
-def test_the_older_of_two_equals_is_nearest():
-    assert int(nearest(bank_of(unit(10), unit(0), unit(0)), unit(0))[0]) == 1
 
 
 def test_removal_keeps_the_order():
@@ -71,11 +44,6 @@ def test_a_prototype_that_takes_another_in_moves_up_when_an_earlier_one_goes():
     np.testing.assert_array_equal(vectors_of(both), [unit(10), unit(15)])
     last = edited(bank, at=1, value=value, gone=2)
     np.testing.assert_array_equal(vectors_of(last), [unit(0), unit(15)])
-
-
-def test_the_first_of_equal_pairs_is_closest():
-    _, i, j, _ = closest_pair(bank_of(unit(0), unit(90), unit(0), unit(90)))
-    assert (int(i), int(j)) == (0, 2)
 
 
 def test_only_the_kept_rows_keep_their_banks():

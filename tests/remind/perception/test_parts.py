@@ -32,24 +32,9 @@ def of_directions(*groups):
     return features, (np.arange(NUM_PATCHES) < len(axes)).astype(np.float32)
 
 
-def test_a_single_patch_is_a_part():
-    parts, support, count = describe_parts(*of_directions((2, 1)))
-    assert count == 1
-    assert parts[0].argmax() == 2
-    assert support[0] == 1
-
-
 def test_two_to_five_patches_give_no_part():
     for num in range(2, 6):
         assert describe_parts(*of_directions((0, num)))[2] == 0
-
-
-def test_one_cluster_is_one_part_whatever_its_size():
-    features, coverage = of_directions((0, 1), (1, 2))
-    one = make_static(part_clusters=1)
-    parts, support, count = describe_parts(features, coverage, static=one)
-    assert (count, support[0]) == (1, 3)
-    np.testing.assert_allclose(parts[0], np.array([1, 2, 0, 0, 0]) / np.sqrt(5), atol=1e-6)
 
 
 def test_no_patch_and_switched_off_give_no_part():

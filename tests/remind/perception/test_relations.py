@@ -1,11 +1,7 @@
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from remind_jax.observation import MaskRelations, Masks
 from remind_jax.remind.perception.relations import Contact, observe_relations
@@ -78,14 +74,6 @@ def test_boxes_stand_in_for_gaps_that_were_not_measured():
     np.testing.assert_array_equal(found.distance[0, 2], found.gap[0, 2])
 
 
-def test_far_pairs_are_judged_by_their_boxes():
-    boxes = [(0, 0, 40, 40), (110, 0, 150, 40)]  # 70 px or 1.75 sides apart
-    measured = np.array([[NAN, 99.0], [99.0, NAN]])
-    assert observe(boxes, measured).gap[0, 1] == 99 / 40
-    found = observe(boxes, measured, exact_gap_max=1.74)
-    assert (found.gap[0, 1], found.gap_quality[0, 1]) == (1.75, 1.0)
-
-
 @pytest.mark.parametrize(
     ("gap_px", "contact"),
     [
@@ -123,21 +111,3 @@ def test_support(small, area, gap_px, support):
     centers = [(49.5, 49.5), ((small[0] + small[2]) / 2, 49.5)]
     found = observe([BIG, small], gaps, areas=[10000, area], centers=centers)
     assert found.support[0, 1] == found.support[1, 0] == pytest.approx(support)
-
-
-boxes_drawn = st.lists(
-    st.tuples(*[st.integers(0, 60)] * 2, *[st.integers(1, 40)] * 2), min_size=4, max_size=4
-)
-
-
-@given(boxes_drawn, st.permutations(range(4)))
-def test_symmetric_and_blind_to_the_order_of_detections(drawn, order):
-    boxes = np.array([(x, y, x + w, y + h) for x, y, w, h in drawn])
-    found = observe(boxes)
-    np.testing.assert_array_equal(found.valid, ~np.eye(4, dtype=bool))
-    permuted = observe(boxes[list(order)])
-    for field in dataclasses.fields(found):
-        values = np.asarray(getattr(found, field.name))
-        np.testing.assert_array_equal(values, values.T, field.name)
-        again = getattr(permuted, field.name)
-        np.testing.assert_array_equal(values[np.ix_(order, order)], again, field.name)

@@ -76,12 +76,6 @@ def test_rings_equal_loops_over_all_settings(seed, density, rules):
         np.testing.assert_array_equal(found, rings_by_loops(patch, Perception(**rules)))
 
 
-def test_switched_off():
-    patches = grid(SHAPE, 4, 4)[None]
-    assert FIND(patches, MAX_RADIUS, thresholds()).any()
-    assert not FIND(patches, MAX_RADIUS, thresholds(rings_enabled=False)).any()
-
-
 def test_weights_are_the_share_of_background():
     rings = np.zeros((1, 2, 2, 2), bool)
     rings[0, INNER, 0] = True

@@ -96,18 +96,6 @@ def test_descriptors_equal_the_original(recorded, name):
             assert d.num_parts[i] == exists.max(), where
 
 
-def test_parts_that_are_not_kept_still_count():
-    """What is observed rates the observation, whether memory has a place for it or not."""
-    settings = SETTINGS["attention"]
-    d, _ = describe_scene(0, settings)
-    kept, _ = describe_scene(0, {**settings, "memory.parts.channels.kmeans.enabled": False})
-    assert not kept.parts_valid[:, 0].any()
-    assert d.parts_valid[:, 0].any()
-    np.testing.assert_array_equal(kept.parts_valid[:, 1], d.parts_valid[:, 1])
-    np.testing.assert_array_equal(kept.num_parts, d.num_parts)
-    np.testing.assert_array_equal(kept.part_support, d.part_support)
-
-
 def test_attention_must_come_with_the_frame():
     features, masks, _ = make_scene(0)
     reduced = reduce_masks(masks, np.zeros(5), np.ones(5), num_slots=5, patch_px=PATCH)

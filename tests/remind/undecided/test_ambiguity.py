@@ -62,10 +62,3 @@ def test_matched_detections(x64, row, supported, changed, named):
     found, reason = options(row, supported, **changed)
     assert found == named
     assert not named or reason in MATCHED
-
-
-def test_too_many_supported_rivals_say_nothing(x64):
-    row = {0: 0.80, 1: 0.79, 2: 0.78, 3: 0.77}
-    assert options(row, (0, 1, 2, 3))[0] == []
-    assert options(row, (0, 1, 2, 3), max_supported=4)[0] == []  # all four are near the top
-    assert len(options({**row, 3: 0.61}, (0, 1, 2, 3), max_supported=4)[0]) == 3

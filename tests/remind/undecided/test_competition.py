@@ -63,9 +63,3 @@ def test_which_parents_compete(x64, lifecycle, age, changed, competes):
 def test_scores_of_confirmed_parents(x64, scores, competes):
     frame = visual_frame([{0: value} for value in scores])
     assert bool(compete(frame)[1]) == competes
-
-
-def test_ids_are_reserved_behind_other_births(x64):
-    """Two births that compete with none come first, then the parents by rising id."""
-    rows = [{1: 0.90}, {0: 0.93, 1: 0.3}, {0: 0.90}, {1: 0.93}, {0: 0.1, 1: 0.1}]
-    assert compete(visual_frame(rows)) == [[1, 4], [0, 3], [0, 3], [1, 4], []]

@@ -3,14 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.numerics.absent import NO_ID, NO_SLOT
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.memory.objects import Objects
 from remind_jax.remind.memory.pending import Items, Kind
 from remind_jax.remind.undecided.provisional_commit import (
     find_founders,
     found_reserved,
-    reserve_ids,
-    support_births,
 )
 
 SLOTS = 6
@@ -23,13 +21,6 @@ def objects_of(*ids, class_id=0) -> Objects:
     zero = jnp.zeros(SLOTS, jnp.int32)
     kind = jnp.where(jnp.asarray(column) != NO_ID, class_id, NO_ID)
     return Objects(jnp.asarray(column), kind, zero, zero, zero, zero, zero)
-
-
-def test_ids_are_reserved_by_rising_parent_behind_all_other_births():
-    founder = jnp.array([True, False, True, False])
-    creates = jnp.array([True, True, True, False])
-    reserved = reserve_ids(founder, jnp.array([5, 0, 2, 0]), creates, jnp.int32(10))
-    assert reserved.tolist() == [12, NO_ID, 11, NO_ID]
 
 
 def items_of(kinds, known) -> Items:
@@ -73,12 +64,3 @@ def test_reserved_objects_come_by_rising_id_and_ids_between_stay_unused():
     )
     assert same.id.tolist() == objects_of(0, 1).id.tolist()
     assert int(next_id) == 5
-
-
-def test_the_best_plausible_objects_speak_for_a_birth():
-    score = jnp.array([[0.3, 0.6, 0.5, 0.9, 0.0, 0.0]])
-    plausible = jnp.array([[True, True, True, False, False, False]])
-    given = (objects_of(0, 1, 2, 3), jnp.array([0]), jnp.array([True]))
-    assert support_births(score, plausible, *given).tolist() == [[1, 2, 0]]
-    few = plausible.at[0, 0].set(False)
-    assert support_births(score, few, *given).tolist() == [[1, 2, NO_SLOT]]

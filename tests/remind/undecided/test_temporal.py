@@ -6,17 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from remind_jax.decision import NUM_OPTIONS, Status
-from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.disambiguation.groups import Undecided
-from remind_jax.remind.undecided.temporal import judge, prefer, rank, to_mask
+from remind_jax.remind.undecided.temporal import judge, prefer
 
 AMBIGUOUS = (0.45, 0.40, 0.05, 0.10, 1e-4)  # least top and candidate score, gaps, slack
 JUDGE = jax.jit(judge)
-RANK = jax.jit(rank, static_argnames="later_first")
 
 
 @pytest.mark.parametrize(
@@ -39,38 +35,6 @@ def test_diagnosis(x64, scores, status, near):
     assert int(given_status[0]) == status
     assert np.flatnonzero(given_near[0]).tolist() == near
     assert float(top[0]) == max(scores, default=0.0)
-
-
-tables = st.lists(
-    st.lists(st.sampled_from([0.1, 0.2, 0.3, 0.5, 0.9]), min_size=6, max_size=6),
-    min_size=2,
-    max_size=2,
-)
-
-
-@given(tables, st.integers(0, 2**12 - 1), st.integers(0, 4), st.booleans())
-def test_rank_is_a_stable_sort(scores, bits, most, later_first):
-    scores = np.array(scores)
-    members = np.array([bits >> k & 1 for k in range(12)], bool).reshape(2, 6)
-    slots, values = RANK(scores, members, jnp.int32(most), later_first=later_first)
-    for row in range(2):
-        sign = -1 if later_first else 1
-        order = sorted(np.flatnonzero(members[row]), key=lambda o: (-scores[row, o], sign * o))
-        expected = order[: min(most, NUM_OPTIONS)]
-        lacking = NUM_OPTIONS - len(expected)
-        assert slots[row].tolist() == expected + [NO_SLOT] * lacking
-        np.testing.assert_allclose(values[row], [*scores[row, expected], *[0.0] * lacking])
-
-
-def test_rank_of_fewer_objects_than_options():
-    slots, scores = rank(jnp.array([[0.5]]), jnp.array([[True]]))
-    assert slots.tolist() == [[0, NO_SLOT, NO_SLOT]]
-    assert scores.tolist() == [[0.5, 0, 0]]
-
-
-def test_padding_and_virtual_slots_mark_nothing():
-    mask = to_mask(jnp.array([[2, NO_SLOT, 4], [NO_SLOT] * 3]), 4)
-    assert mask.tolist() == [[False, False, True, False], [False] * 4]
 
 
 def test_the_first_entry_stands():
