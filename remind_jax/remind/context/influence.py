@@ -31,7 +31,6 @@ class Influence:
     bonus_raw: Float[Array, "O"]  # change of score, within the two caps
     score_sets: Float[Array, "O"]  # support less contradiction, [-1, 1]
     support: Float[Array, "O"]  # [0, 1]
-    contradiction: Float[Array, "O"]  # [0, 1]
     compat_rel: Float[Array, "O"]  # support by the kernel against the best of the class, [0, 1]
     compat_band: Bool[Array, "O"]  # among the objects of its class that fit the context
     kernel_raw: Float[Array, "O"]  # absolute support by the kernel, [0, 1]
@@ -53,7 +52,6 @@ def no_influence(num_objects: int, scalar: jnp.dtype) -> Influence:
         bonus_raw=real,
         score_sets=real,
         support=real,
-        contradiction=real,
         compat_rel=real,
         compat_band=no,
         kernel_raw=real,
@@ -93,7 +91,6 @@ def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Inf
         bonus_raw=used(bonus),
         score_sets=used(support - contradiction),
         support=used(support),
-        contradiction=used(contradiction),
         compat_rel=used(s.kernel_relative),
         compat_band=usable & inside,
         kernel_raw=used(s.kernel),

@@ -42,7 +42,6 @@ class Stabilized:
     doubtful: Bool[Array, "N"]  # lost its match to doubt
     rivals: Bool[Array, "N O"]  # objects that a doubtful detection could be
     root: Int[Array, "N"]  # first detection of its group of look-alikes, N for none
-    gap: Float[Array, "N"]  # lead of the best joint assignment of that group, inf if it has one
 
 
 @jax.tree_util.register_dataclass
@@ -62,7 +61,7 @@ def stabilize(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabiliz
     """Withdraws matches that a slightly different score would have swapped."""
     parts = _find_components(table, slot)
     contested = parts.contested & t.enabled
-    (first, second), close, gap = _compare_assignments(table, parts, slot, t)
+    (first, second), close = _compare_assignments(table, parts, slot, t)
     settled = contested & close
     undecided = settled & (first != second)
     named = to_mask(jnp.stack([slot, first, second], axis=1), parts.edge.shape[1])
@@ -89,7 +88,6 @@ def stabilize(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabiliz
             undecided[:, None], rivals, jnp.where(lost[:, None], parts.objects, False)
         ),
         root=parts.root,
-        gap=gap,
     )
 
 
@@ -135,12 +133,12 @@ def _find_components(table: PairTable, slot: Int[Array, "N"]) -> _Components:
 
 def _compare_assignments(
     table: PairTable, parts: _Components, slot: Int[Array, "N"], t: Stability
-) -> tuple[Int[Array, "2 N"], Bool[Array, "N"], Float[Array, "N"]]:
+) -> tuple[Int[Array, "2 N"], Bool[Array, "N"]]:
     """The two best complete assignments of each small component.
 
     Returns:
-      The object of each detection in the best and in the second best assignment, whether the
-      component has two and they are too close, and how far the best one leads.
+      The object of each detection in the best and in the second best assignment, and whether the
+      component has two and they are too close.
     """
     num = len(slot)
     row, member = jnp.arange(num), jnp.arange(MAX_MEMBERS)
@@ -187,16 +185,14 @@ def _compare_assignments(
     first, top, number = best(feasible)
     second, next_top, _ = best(feasible & (jnp.arange(len(_ORDERS)) != first[:, None]))
     several = small & (number >= 2)
-    gap = jnp.where(several, jnp.maximum(0.0, top - next_top), jnp.inf)
-    close = several & (gap <= t.assignment_gap)
+    close = several & (jnp.maximum(0.0, top - next_top) <= t.assignment_gap)
 
     # From (component, member) back to detections.
     order = jnp.asarray(_ORDERS)[jnp.stack([first, second])]
     chosen = jnp.take_along_axis(objs[None], order, axis=2)[..., None]  # [2, R, M, 1]
     named = at_place & close[:, None, None]
     objects = jnp.max(jnp.where(named, chosen, NO_SLOT), axis=(1, 2)).astype(jnp.int32)
-    linked, root = parts.root < num, jnp.minimum(parts.root, num - 1)
-    return objects, linked & close[root], jnp.where(linked, gap[root], jnp.inf)
+    return objects, (parts.root < num) & close[jnp.minimum(parts.root, num - 1)]
 
 
 def _is_fragile(

@@ -29,7 +29,6 @@ GATED = (
     "bonus_raw",
     "score_sets",
     "support",
-    "contradiction",
     "compat_rel",
     "compat_band",
     "kernel_raw",
@@ -96,7 +95,6 @@ def test_worked_example():
     assert_close(influence.compat_rel[1:3], [1, 0.146064], atol=1e-6)
     assert_close(influence.strength[:3], [0.470257, 0.731569, 0.731569], atol=1e-6)
     assert_close(influence.pruning[1:3], 0.5, atol=0)
-    assert not np.any(influence.contradiction)
     assert not np.any(found.veto)
 
 
