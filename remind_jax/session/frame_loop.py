@@ -34,7 +34,8 @@ from remind_jax.session.checkpoint import Checkpoints, Header, Step
 from remind_jax.session.live import Tracker
 from remind_jax.session.preparation import Prepared
 from remind_jax.session.progress import Progress
-from remind_jax.sources import LiveSource, Source, prefetch
+from remind_jax.sources import LiveSource, Source
+from remind_jax.sources.prefetch import prefetch
 from remind_jax.sources.source import Content
 from remind_jax.tracks import Tracks
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
-ItemT = TypeVar("ItemT")
+ItemT, ResultT = TypeVar("ItemT"), TypeVar("ResultT")
 
 MAX_WAITING_BYTES = 1 << 28
 _END = object()
@@ -15,10 +15,11 @@ _END = object()
 
 def prefetch(
     items: Iterable[ItemT],
-    function: Callable[[ItemT], Any] | None = None,
-    depth: int = 4,
-    size_of: Callable[[Any], int] | None = None,
-) -> Generator[Any, None, None]:
+    function: Callable[[ItemT], ResultT],
+    *,
+    depth: int,
+    size_of: Callable[[ResultT], int],
+) -> Generator[ResultT, None, None]:
     """Yields `function(item)` for each item, computed up to `depth` items ahead.
 
     The iteration and `function` run in one background thread, which is started by the first
@@ -29,34 +30,19 @@ def prefetch(
     Args:
       size_of: Bytes of a result; fewer wait where some would take more than `MAX_WAITING_BYTES`
         together, if all are as large as the last one.
-
-    Raises:
-      ValueError: If `depth` is below 1.
     """
-    if depth < 1:
-        raise ValueError(f"prefetch depth is {depth}; give 1 or more")
-    return _run_ahead(items, function, depth, size_of)
-
-
-def _run_ahead(
-    items: Iterable[Any],
-    function: Callable[[Any], Any] | None,
-    depth: int,
-    size_of: Callable[[Any], int] | None,
-) -> Generator[Any, None, None]:
     iterator = iter(items)
 
     def advance() -> Any:
-        item = next(iterator, _END)
-        return item if item is _END or function is None else function(item)
+        item: Any = next(iterator, _END)
+        return item if item is _END else function(item)
 
     pool = ThreadPoolExecutor(1, "prefetch")
     # How large results are is not known before the first one.
-    num_first = depth + 1 if size_of is None else 1
-    ahead = collections.deque(pool.submit(advance) for _ in range(num_first))
+    ahead = collections.deque([pool.submit(advance)])
     try:
         while (result := ahead.popleft().result()) is not _END:
-            fits = MAX_WAITING_BYTES // max(1, size_of(result)) if size_of is not None else depth
+            fits = MAX_WAITING_BYTES // max(1, size_of(result))
             while len(ahead) <= min(depth, fits):
                 ahead.append(pool.submit(advance))
             yield result

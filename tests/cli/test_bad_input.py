@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
-import re
 import resource
 
 import cv2
@@ -58,10 +56,6 @@ def test_mask_of_another_size(command, scene):
     assert names <= {path.name for path in (scene[0].parent.parent / "out").iterdir()}
 
 
-def test_neither_masks_nor_detector(command, scene):
-    assert_refused(command("run", scene[0]), "0000.png", "without masks", "detector")
-
-
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -90,32 +84,6 @@ def test_features_that_are_not_finite_are_left_out_and_reported(command, tmp_pat
             "message": "2 patches were left out for a feature that is not finite",
         }
     ]
-
-
-@pytest.mark.slow
-def test_more_than_the_capacity_grows_and_changes_no_identity(command, tmp_path, caplog):
-    """The first frame has more than there is room for; only who debugs reads of it."""
-    caplog.set_level(logging.DEBUG, "remind_jax")
-    images, masks = scenes.write_scene(tmp_path / "scene", seen={2: (1, 2, 3, 4), 3: (1, 2, 3, 4)})
-    words = ("run", images, "--masks", masks, "--json", "--out")
-    ample = command(*words, "ample")
-    caplog.clear()
-    tight = command(
-        *words,
-        "tight",
-        static=("static.num_detections=2", "static.num_objects=3", "static.num_pending=4"),
-    )
-    assert summary_of(tight)["events"] == []
-    messages = [record.getMessage() for record in caplog.records if record.name == "remind_jax"]
-    grown = [re.findall(r"(\d+) now|room for (\d+)", message)[0] for message in messages]
-    assert [int(first or second) for first, second in grown] == [4]
-    assert summary_of(ample)["identities"] == 4
-    runs = (Result.load(tmp_path / name).tracks for name in ("ample", "tight"))
-    for wide, narrow in zip(*runs, strict=True):
-        for column in ("outcome", "reason", "object_id", "pending_id", "status", "candidate_id"):
-            np.testing.assert_array_equal(getattr(wide, column), getattr(narrow, column))
-        # Sums of single precision over other shapes differ in their last bits.
-        np.testing.assert_allclose(wide.score, narrow.score, atol=1e-5)
 
 
 def test_full_disk(command, scene):

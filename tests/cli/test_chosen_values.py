@@ -60,16 +60,6 @@ def test_published_values_that_are_set_run(command, scene, tmp_path):
 
 
 @pytest.mark.usefixtures("only_started")
-def test_a_file_of_what_runs_runs_the_same(command, scene, tmp_path):
-    words = ("remind", "--set", "matching.match=0.75")
-    (tmp_path / "mine.yaml").write_text(command("config", "show", *words).stdout)
-    run = ("run", scene[0], "--masks", scene[1], "--no-overlay")
-    command(*run, "--config", "remind", "--out", "set", "--set", "matching.match=0.75")
-    command(*run, "--config", "mine.yaml", "--out", "file")
-    assert told(tmp_path / "set") == told(tmp_path / "file")
-
-
-@pytest.mark.usefixtures("only_started")
 def test_a_sweep_tries_what_a_run_runs_with(command, scene, tmp_path, monkeypatch):
     """Also where a value is the published one, which the profile of the backbone would change."""
     tried = []

@@ -19,13 +19,6 @@ def test_list_says_what_the_shipped_configurations_are(command):
     assert max(map(len, lines)) <= 80
 
 
-def test_show_can_be_read_back(command, tmp_path):
-    shown = command("config", "show", "published", "--set", "static.num_objects=7").stdout
-    (tmp_path / "mine.yaml").write_text(shown)
-    changed = {"static": {"num_objects": 7}}
-    assert load_config(tmp_path / "mine.yaml").to_dict() == Config().updated(changed).to_dict()
-
-
 @pytest.mark.parametrize("backbone", ["patch-statistics", "dinov3-vits16"])
 def test_show_prints_what_runs_and_a_file_of_it_runs_the_same(command, tmp_path, backbone):
     words = ("--backbone", backbone, "--set", "similarity.parts_weight=0.1")

@@ -18,93 +18,50 @@ def kept(tmp_path_factory):
     return tmp_path_factory.mktemp("kept") / "run"
 
 
-def trace_once(command, scene, kept, config):
+@pytest.fixture
+def traced(command, scene, kept):
     """A run of four frames with a trace, made where it is not there yet."""
     if not kept.exists():
         words = ("run", scene[0], "--masks", scene[1], "--trace", "--quiet", "--no-overlay")
-        outcome = command(*words, "--config", config, "--out", kept)
+        outcome = command(*words, "--out", kept)
         assert (outcome.code, outcome.stderr) == (0, "")
     return kept
 
 
-@pytest.fixture
-def traced(command, scene, kept):
-    """A run of the paper's tracker."""
-    return trace_once(command, scene, kept, "remind")
-
-
-@pytest.fixture
-def traced_by_default(command, scene, kept):
-    """A run of the configuration that runs when none is named."""
-    return trace_once(command, scene, kept.with_name("default"), "default")
-
-
-def test_a_traced_run_keeps_its_trace(traced_by_default):
-    written = {path.name for path in traced_by_default.iterdir()}
+def test_a_traced_run_keeps_its_trace(traced):
+    written = {path.name for path in traced.iterdir()}
     assert written == {*FILE_NAMES, "memory.safetensors", "trace.npz"} - {"overlay.mp4"}
 
 
-@pytest.mark.heavy
-def test_a_decision_is_explained(command, traced):
+def test_a_decision_of_the_default_is_explained(command, traced):
     outcome = command("explain", traced, "--frame", 3, "--detection", 0)
     assert (outcome.code, outcome.stderr) == (0, "")
-    tracks = Result.load(traced).tracks[3]
-    name = tracks.display_name(0)
-    assert outcome.stdout.startswith(f"frame 3 (0.10 s, 0003.png), detection 0: {name}\nmatch ")
-    assert f"Matched as {name}" in outcome.stdout
-    assert f"* {name}" in outcome.stdout
-    assert f"{tracks.candidate_score[0, 0]:.2f}" in outcome.stdout
-
-
-@pytest.mark.heavy
-def test_the_first_frame_is_new(command, traced):
-    outcome = command("explain", traced, "--frame", 0, "--detection", 2)
-    assert "1. No book is known yet" in outcome.stdout
-    assert "A new object: book 2." in outcome.stdout
-
-
-@pytest.mark.heavy
-def test_machines_read_the_same(command, traced):
-    outcome = command("explain", traced, "--frame", 3, "--detection", 1, "--json")
-    content = json.loads(outcome.stdout)
-    assert (content["frame"], content["detection"], content["outcome"]) == (3, 1, "match")
-    assert content["candidates"][0]["object_id"] == content["object_id"]
-    total = sum(term["weight"] for term in content["candidates"][0]["terms"].values())
-    mean = sum(
-        term["weight"] * term["score"] for term in content["candidates"][0]["terms"].values()
-    )
-    assert content["candidates"][0]["visual_score"] == pytest.approx(mean / total, abs=1e-5)
-
-
-def test_a_decision_of_the_default_is_explained(command, traced_by_default):
-    outcome = command("explain", traced_by_default, "--frame", 3, "--detection", 0)
-    assert (outcome.code, outcome.stderr) == (0, "")
-    name = Result.load(traced_by_default).tracks[3].display_name(0)
+    name = Result.load(traced).tracks[3].display_name(0)
     assert outcome.stdout.startswith(f"frame 3 (0.10 s, 0003.png), detection 0: {name}\nmatch ")
     assert "1. It is detection 4 of a tracklet" in outcome.stdout
-    words = ("explain", traced_by_default, "--frame", 3, "--detection", 0, "--json")
+    words = ("explain", traced, "--frame", 3, "--detection", 0, "--json")
     content = json.loads(command(*words).stdout)
     assert (content["name"], content["outcome"], content["age"]) == (name, "match", 4)
 
 
-def test_without_a_detection_the_frame_is_listed(command, traced_by_default):
-    outcome = command("explain", traced_by_default, "--frame", 3)
+def test_without_a_detection_the_frame_is_listed(command, traced):
+    outcome = command("explain", traced, "--frame", 3)
     assert [line.split()[0] for line in outcome.stdout.splitlines()[2:]] == ["0", "1", "2"]
-    listed = json.loads(command("explain", traced_by_default, "--frame", 3, "--json").stdout)
+    listed = json.loads(command("explain", traced, "--frame", 3, "--json").stdout)
     assert len(listed["detections"]) == 3
 
 
-def test_what_is_not_there_is_named(command, traced_by_default, tmp_path):
+def test_what_is_not_there_is_named(command, traced, tmp_path):
     for words, message in (
         (("--frame", 4), "the run has no frame 4; it has frames 0 to 3"),
         (("--frame", 4, "--detection", 0), "the run has no frame 4; it has frames 0 to 3"),
         (("--frame", 3, "--detection", 3), "frame 3 has no detection 3; it has detections 0 to 2"),
     ):
-        outcome = command("explain", traced_by_default, *words)
+        outcome = command("explain", traced, *words)
         assert (outcome.code, outcome.stdout) == (1, "")
         assert outcome.stderr == f"remind: {message}\n"
     bare = tmp_path / "bare"
-    shutil.copytree(traced_by_default, bare, ignore=shutil.ignore_patterns("trace.npz"))
+    shutil.copytree(traced, bare, ignore=shutil.ignore_patterns("trace.npz"))
     outcome = command("explain", "bare", "--frame", 0, "--detection", 0)
     assert outcome.code == 1
     assert outcome.stderr == "remind: 'bare' holds no trace; run again with --trace\n"

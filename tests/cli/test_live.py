@@ -97,13 +97,6 @@ def test_a_stream_without_detector_is_told(command):
     assert "brings no masks; give a detector" in outcome.stderr
 
 
-def test_a_stream_that_refuses(command):
-    outcome = command("run", "rtsp://me:secret@127.0.0.1:1/x", "--detector", "m.onnx")
-    assert outcome.code == 1
-    assert outcome.stderr.startswith("remind: 'rtsp://***@127.0.0.1:1/x' refuses the connection;")
-    assert "secret" not in outcome.stderr
-
-
 def test_the_address_of_the_page_is_told_and_opened_where_there_is_a_display(
     command, live, monkeypatch
 ):

@@ -15,25 +15,6 @@ def progress(num_done: int, num_frames: int | None = 10) -> Progress:
     return Progress(num_done, num_frames, 12.3, 4, 0.25)
 
 
-def test_silent_where_nobody_looks_on(capfd):
-    with RunDisplay("rooms", 10, is_shown=True) as display:
-        display(progress(1))
-    assert capfd.readouterr() == ("", "")
-    assert display.num_done == 1
-
-
-def test_bar_tells_speed_identities_and_uncertain_share(monkeypatch, capfd):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "200")
-    with RunDisplay("rooms", None, is_shown=True) as display:
-        display(progress(3))
-        display(progress(10))
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert "12 ms/frame, 4 identities, 25 % uncertain" in err
-    assert "10/10" in err
-
-
 def test_first_interrupt_ends_the_run_after_the_frame():
     with RunDisplay("rooms", 10, is_shown=False) as display:
         os.kill(os.getpid(), signal.SIGINT)

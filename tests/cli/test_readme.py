@@ -61,8 +61,3 @@ def test_commands_can_be_parsed(line):
 def test_every_verb_is_in_the_table():
     shown = re.findall(r"^\| `remind (\w+)", README, flags=re.MULTILINE)
     assert shown == list(VERBS)
-
-
-def test_pictures_and_files_are_there():
-    for target in re.findall(r"\]\((?!https?://)([^)]+)\)", README):
-        assert (ROOT / target).exists(), target

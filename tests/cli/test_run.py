@@ -40,14 +40,6 @@ def test_an_earlier_run_is_replaced_only_on_request(command, scene):
     assert len(Result.load("out")) == 2
 
 
-def test_tomorrow_knows_the_objects_of_today(command, scene):
-    words = ("run", scene[0], "--masks", scene[1], "--quiet", "--no-overlay")
-    command(*words, "--out", "today")
-    command(*words, "--memory", "today/memory.safetensors", "--out", "tomorrow")
-    today, tomorrow = Result.load("today"), Result.load("tomorrow")
-    assert tomorrow.tracks[0].object_id.tolist() == today.tracks[0].object_id.tolist()
-
-
 @pytest.fixture
 def interrupted_after_two_frames(monkeypatch):
     """Ctrl-C is pressed while the second frame is in work."""

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from remind_jax.cli import process as exit_codes
-from tests.cli import scenes
 
 REMIND = (sys.executable, "-m", "remind_jax.cli.main")
 FULL = Path("/dev/full")
@@ -134,24 +133,3 @@ def test_closed_streams_are_no_defect(redirection, scored):
     )
     assert finished.stderr == ""
     assert finished.returncode == exit_codes.FINE
-
-
-def test_a_damaged_picture_is_told_by_us_alone(tmp_path):
-    _, masks = scenes.write_scene(tmp_path / "scene", 2)
-    picture = sorted(masks.glob("*.png"))[1]
-    data = bytearray(picture.read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    picture.write_bytes(data)
-    finished = subprocess.run(
-        [*REMIND, "eval", str(masks), str(masks)],
-        capture_output=True,
-        text=True,
-        env=QUIET,
-        cwd=tmp_path,
-        timeout=120,
-        check=False,
-    )
-    assert finished.returncode == exit_codes.ERROR
-    assert finished.stderr.startswith("remind: ")
-    assert picture.name in finished.stderr
-    assert finished.stderr.count("\n") == 1

@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-import sys
 
 import pytest
 
@@ -30,14 +29,8 @@ def benches(monkeypatch, tmp_path):
 
 
 def test_grid_writes_table_and_summary(benches, capsys, tmp_path):
-    words = [
-        "sweep",
-        "a",
-        "b",
-        "--set",
-        "matching.match=0.5:0.8:0.1",
-        "influence.enabled=false,true",
-    ]
+    space = ("matching.match=0.5:0.8:0.1", "influence.enabled=false,true")
+    words = ["sweep", "a", "b", "--set", *space]
     assert main([*words, "-o", "out", "--memory-gib", "1", "--batch", "4"]) == process.FINE
     bench, options = benches[0]
     assert (options["memory_gib"], options["batch"], options["workers"]) == (1.0, 4, None)
@@ -62,18 +55,8 @@ def test_json_holds_the_best_and_the_front(benches, capsys):
 
 
 def test_random_settings_lie_in_the_range(benches):
-    words = [
-        "sweep",
-        "a",
-        "--set",
-        "matching.match=0.5,0.9",
-        "--random",
-        "20",
-        "--seed",
-        "3",
-        "--quiet",
-    ]
-    assert main(words) == process.FINE
+    words = ["sweep", "a", "--set", "matching.match=0.5,0.9", "--random", "20", "--seed", "3"]
+    assert main([*words, "--quiet"]) == process.FINE
     given, *drawn = benches[0][0].asked[0]
     assert given == {}
     assert len({s["matching.match"] for s in drawn}) == 20
@@ -136,13 +119,3 @@ def test_absent_scenes_are_told(capsys, tmp_path):
     words = ["sweep", str(tmp_path / "nowhere"), "--set", "matching.match=0.5"]
     assert main([*words, "-o", str(tmp_path / "out")]) == process.ERROR
     assert "nowhere" in capsys.readouterr().err
-
-
-def test_help_needs_no_jax():
-    import subprocess
-
-    code = (
-        "import sys; from remind_jax.cli.main import main; main(['sweep', '--help']); "
-        "assert 'jax' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=60)

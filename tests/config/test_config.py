@@ -214,25 +214,6 @@ def test_bases_in_a_circle_are_refused(tmp_path):
             load_config(start)
 
 
-def test_values_survive_yaml(tmp_path):
-    values = {"static": {"appearance_slots": [3, 4]}, "input": {"sanitize": "none"}}
-    config = load_config({"base": "remind", **values})
-    path = tmp_path / "mine.yaml"
-    path.write_text(yaml.safe_dump(config.to_dict()))
-    assert load_config(path) == config
-
-
-def test_a_file_starts_from_its_base(tmp_path):
-    (tmp_path / "mine.yaml").write_text("base: remind\nthresholds: {matching: {match: 0.5}}")
-    expected = load_config("remind").updated({"thresholds": {"matching": {"match": 0.5}}})
-    assert load_config(tmp_path / "mine.yaml") == expected
-
-
-def test_an_empty_file_is_published(tmp_path):
-    (tmp_path / "empty.yaml").write_text("")
-    assert load_config(tmp_path / "empty.yaml") == load_config("published")
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

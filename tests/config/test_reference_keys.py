@@ -94,10 +94,6 @@ def refuse(key, value):
         Config.from_reference(nested(key, value))
 
 
-def test_what_has_a_largest_value():
-    assert len(LIMITED) == 8
-
-
 def test_values_above_a_limit_are_refused_with_the_reason():
     for path in LIMITED:
         key, most, why = KEYED[path].key, KEYED[path].most or 0, KEYED[path].why

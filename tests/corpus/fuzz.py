@@ -12,7 +12,6 @@ import time
 
 from tests.corpus.judge import GOOD, LIMIT_S, count, load_libraries, run_case
 from tests.corpus.seeds import FORMATS
-from tests.corpus.verb_seeds import VERBS
 
 
 def main() -> int:
@@ -21,7 +20,6 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--rounds", type=int, help="at most so many cases of each format")
     parser.add_argument("--formats", default=",".join(FORMATS))
-    parser.add_argument("--verbs-every", type=int, default=20, help="rounds, as verbs take seconds")
     parser.add_argument("--seed", type=int, default=0, help="of the first case of each format")
     parser.add_argument("--limit-s", type=float, default=LIMIT_S, help="of one case")
     options = parser.parse_args()
@@ -29,8 +27,7 @@ def main() -> int:
     verdicts = []
     load_libraries()
     for seed in itertools.islice(itertools.count(options.seed), options.rounds):
-        with_verbs = options.verbs_every and seed % options.verbs_every == 0
-        for name in (*names, *(VERBS if with_verbs else ())):
+        for name in names:
             verdicts.append((name, seed, run_case(name, seed, options.limit_s, in_child=True)))
             if time.monotonic() > deadline:
                 break

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
 import struct
 import zlib
 from pathlib import Path
 
-from tests.corpus.change import Change
-
 _SIDES = (0, 1, 2, 3, 255, 8193, 20_000, 60_000, 65_535)
 _WORDS = (*_SIDES, 2**31 - 1, 2**31, 2**32 - 1)
 _HEADER_BYTES = 1024  # headers lie in the first so many, or the last
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """What was done to a file."""
+
+    name: str
+    is_invalid: bool  # nothing that reads this may take it for good
 
 
 def change_header(path: Path, rng: random.Random) -> Change:

@@ -22,10 +22,9 @@ import zlib
 from pathlib import Path
 
 from tests.backbone.networks import converted_file
-from tests.corpus.change import Change
+from tests.corpus.headers import Change
 from tests.corpus.mutations import change_file
 from tests.corpus.seeds import FORMATS, Format, Refused, Told, refusal
-from tests.corpus.verb_seeds import VERBS
 
 LIMIT_S = 60.0
 LIMIT_BYTES = 2 << 30  # above what the process has before
@@ -63,13 +62,13 @@ def run_case(name: str, seed: int, limit_s: float = LIMIT_S, *, in_child: bool =
     """Makes, changes and enters one file of a format; the same seed is the same case.
 
     Args:
-      name: Of the format or verb.
+      name: Of the format.
       seed: What the change follows from.
       limit_s: Seconds until it counts as hanging.
       in_child: Make the file in the child as well, as a process that never computed needs it:
         once it has computed with JAX, its children cannot.
     """
-    form = (FORMATS | VERBS)[name]
+    form = FORMATS[name]
     rng = random.Random(zlib.crc32(name.encode()) + seed)
     folder = Path(tempfile.mkdtemp(prefix="corpus"))
     try:

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from tests.corpus.change import Change
-from tests.corpus.headers import change_header
+from tests.corpus.headers import Change, change_header
 
 ODD_NUMBERS: tuple[Any, ...] = (0, -1, 1e12, -1e12, 2**63, 10**40, 0.5, -0.0, 1e-300)
 NOT_FINITE = (float("nan"), float("inf"), -float("inf"))

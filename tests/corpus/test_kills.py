@@ -65,20 +65,6 @@ def test_a_run_that_is_asked_to_end_ends_well(course):
 
 
 @pytest.mark.slow
-def test_a_demo_that_is_asked_to_end_keeps_its_run(course, tmp_path):
-    out = tmp_path / "demo"
-    child = course.start("demo", "--out", out, "--quiet")
-    rows = out / "detections.jsonl"
-    while child.poll() is None and not (rows.exists() and rows.read_bytes().count(b"\n") > 10):
-        time.sleep(0.01)
-    child.send_signal(signal.SIGTERM)
-    said = child.communicate(timeout=300)[1]
-    assert (child.returncode, said) == (process.TERMINATED, "")
-    assert not json.loads((out / "run.json").read_text())["complete"]
-    assert (out / "report.html").exists()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [

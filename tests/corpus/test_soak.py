@@ -18,7 +18,6 @@ from tests.corpus.soak import (
     Figures,
     _background,
     picture,
-    slope_of,
 )
 
 FINE = Figures(
@@ -47,17 +46,6 @@ def test_stalls_and_growth_are_seen():
     assert swollen.failures == ["memory grew from 500.0 to 506.0 MiB"]
     (said,) = dataclasses.replace(FINE, grown_at=()).failures
     assert said.startswith("memory never grew")
-
-
-def test_growth_is_told_from_what_comes_and_goes():
-    flat = 1330 + np.random.default_rng(0).random(9) / 4
-    steps = np.arange(9)
-    assert abs(slope_of(flat)) < 0.1
-    assert slope_of(flat + steps) > 0.9
-    assert slope_of(flat + 5 * (steps > 4)) > 0.5  # once, for good
-    spikes = flat.copy()
-    spikes[[3, 6]] += 23
-    assert abs(slope_of(spikes)) < 0.1
 
 
 def is_room(part, room, place):

@@ -10,7 +10,6 @@ from remind_jax.detectors import DetectorOptions
 from remind_jax.detectors.onnx_model import Signature, TensorSpec
 from remind_jax.detectors.yolo_seg import (
     Candidates,
-    YoloLayout,
     YoloSeg,
     choose_input_size,
     decode_masks,
@@ -20,7 +19,6 @@ from remind_jax.detectors.yolo_seg import (
 )
 from remind_jax.errors import ConfigError, WeightsError
 from remind_jax.masks.letterbox import Letterbox
-from tests.masks.test_letterbox import to_input
 
 
 def specs(*shapes) -> list[TensorSpec]:
@@ -176,28 +174,6 @@ def test_masks_equal_an_independent_decode(frame_size):
         assert clear.mean() > 0.99
 
 
-@settings(deadline=None)
-@given(
-    frame_size=st.tuples(st.integers(60, 700), st.integers(60, 700)),
-    middle=st.tuples(st.floats(0.3, 0.7), st.floats(0.3, 0.7)),
-)
-def test_an_edge_drawn_in_the_frame_comes_back_within_half_a_pixel(frame_size, middle):
-    """Sloping logits of a rectangle's sides, given at the prototype grid, must meet its sides."""
-    letterbox = Letterbox.fit(frame_size, (96, 128))
-    height, width = frame_size
-    edge_x, edge_y = middle[0] * width, middle[1] * height
-    ys, xs = (np.indices((24, 32)) + 0.5) * 4
-    grid = np.stack([xs.ravel(), ys.ravel()] * 2, axis=1)
-    in_frame = letterbox.boxes_to_frame(grid)[:, :2].astype(np.float32)
-    prototypes = (in_frame - np.array([edge_x, edge_y], np.float32)).T.reshape(2, 24, 32)
-    whole = to_input(letterbox, np.array([[0, 0, width, height]], float)).repeat(2, axis=0)
-    candidates = Candidates(whole, np.ones(2), np.zeros(2, int), np.eye(2, dtype=np.float32))
-    right, below = decode_masks(candidates, prototypes, letterbox, 0.5)
-    # A pixel is inside if its center is; 0.01 px for the float32 arithmetic of two resizes.
-    assert abs(np.argmax(right[height // 2]) - edge_x) <= 0.51
-    assert abs(np.argmax(below[:, width // 2]) - edge_y) <= 0.51
-
-
 def raw_outputs() -> dict[str, np.ndarray]:
     """Two overlapping cups, a chair on one of them, a wall; prototype 0 is a filled plane."""
     rows = np.zeros((1, 9, 50), np.float32)
@@ -260,11 +236,6 @@ def test_heads_with_suppression_inside_give_the_same_instances():
     assert without_names.labels == ("class_2", "class_0", "class_1")
 
 
-def test_classes_without_names_are_numbered():
-    assert head_of(V8).names == ("class_0", "class_1", "class_2")
-    assert head_of(V8, None, {"names": "{1: 'cup'}"}).names == ("class_0", "cup", "class_2")
-
-
 def test_options_that_do_not_fit_the_network_are_refused():
     with pytest.raises(ConfigError, match=r"2 class_names were given, but 'm\.onnx' has 3"):
         head_of(V8, DetectorOptions(class_names=("a", "b")))
@@ -301,7 +272,3 @@ def test_outputs_of_other_shapes_than_declared_are_refused():
 def test_numbers_that_are_not_finite_give_no_instances():
     outputs = {name: np.full_like(array, np.nan) for name, array in raw_outputs().items()}
     assert len(head_of(V8).decode(outputs, (96, 128))) == 0
-
-
-def test_the_layout_names_its_outputs():
-    assert recognize_yolo_seg(V8) == YoloLayout("output0", "output1", 2, 3, False)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from remind_jax.errors import SourceError
 from remind_jax.formats.mot import (
@@ -62,26 +59,6 @@ def test_other_spellings_of_a_row(tmp_path: Path, text: str):
     rows = read(path)
     assert rows.boxes.tolist() == [[0, 0, 2, 2]]
     assert rows.text_class.tolist() == [-1]
-
-
-@settings(deadline=None)
-@given(
-    st.lists(
-        st.lists(
-            st.decimals(-(10**6), 10**6, allow_nan=False, places=5).map("{:f}".format)
-            | st.integers(-(10**14), 10**14).map(str)
-            | st.sampled_from(["0", "-0.0", "1.", ".5", "-.25", "007", "1e3"]),
-            min_size=2,
-            max_size=2,
-        ),
-        min_size=1,
-    )
-)
-def test_numbers_are_read_as_python_reads_them(cells: list[list[str]]):
-    with tempfile.TemporaryDirectory() as folder:
-        lines = [f"1,{number},{','.join(row)},0,0" for number, row in enumerate(cells)]
-        rows = read(write(Path(folder) / "pred.txt", *lines))
-    assert rows.boxes[:, :2].tolist() == [[float(cell) for cell in row] for row in cells]
 
 
 def test_flagged_rows_and_other_classes_are_left_out(tmp_path: Path):
@@ -175,10 +152,3 @@ def test_a_class_that_nothing_has_is_refused(tmp_path: Path):
     assert len(fit_texts(rows, rows, class_id=3)[0]) == 1
     with pytest.raises(SourceError, match="has no row of class 99; it has 3"):
         fit_texts(rows, rows, class_id=99)
-
-
-def test_files_that_cannot_be_read(tmp_path: Path):
-    (tmp_path / "video.mp4").write_bytes(bytes(range(256)))
-    for name in ("absent.txt", "video.mp4"):
-        with pytest.raises(SourceError, match=name):
-            read(tmp_path / name, format="mots")

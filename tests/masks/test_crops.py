@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.crops import Crops, cut_plane, cut_runs
-from remind_jax.masks.alignment import Alignment
 from remind_jax.masks.run_length import decode_mask, encode_masks, read_runs
 
 
@@ -43,23 +42,6 @@ def test_planes_come_back(seed):
         assert np.array_equal(decode_mask(codes[row]), mask)
         for rows, columns in ((slice(0, 90), slice(0, 130)), (slice(20, 41), slice(60, 61))):
             assert np.array_equal(crops.region(row, rows, columns), mask[rows, columns])
-
-
-@pytest.mark.parametrize("width", [64, 100, 130, 4000])
-@pytest.mark.parametrize("center_crop", [False, True])
-def test_alignment_is_that_of_planes(width, center_crop):
-    masks = blobs(3)
-    alignment = Alignment.fit((90, 130), 16, max_width_px=width, center_crop=center_crop)
-    size = alignment.scaled_size[::-1]
-    rows, columns = (
-        slice(start, start + length)
-        for start, length in zip((alignment.top, alignment.left), alignment.size, strict=True)
-    )
-    expected = [
-        cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)[rows, columns]
-        for mask in masks
-    ]
-    assert np.array_equal(np.asarray(alignment.align_masks(masks)), np.array(expected))
 
 
 @pytest.mark.parametrize("density", [0.0, 0.02, 0.5, 1.0])

@@ -13,11 +13,6 @@ def square(size: int, top: int, left: int, shape: tuple[int, int] = (20, 30)) ->
     return mask
 
 
-def test_radius_two_takes_two_pixels_from_every_side():
-    (eroded,) = erode_masks(square(7, 5, 6)[None], 2, margin_px=2)
-    np.testing.assert_array_equal(eroded, square(3, 7, 8))
-
-
 def test_the_image_border_does_not_erode_with_a_margin():
     whole = np.ones((1, 9, 9), bool)
     assert np.all(np.asarray(erode_masks(whole, 2, margin_px=2)))

@@ -24,13 +24,6 @@ def blank(height=40, width=48):
     return np.zeros((height, width), bool)
 
 
-def l_shape():
-    """40 by 50 pixels with legs of 20: 1400 pixels, 1690 in the hull (method.md#filled-mask)."""
-    mask = blank(64, 64)
-    mask[5:55, 5:25] = mask[35:55, 5:45] = True
-    return mask
-
-
 @settings(max_examples=50, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -95,13 +88,6 @@ def test_geometry_of_a_box():
     np.testing.assert_array_equal(found.coverage, found.filled_coverage)
 
 
-def test_solidity_of_the_page():
-    found = reduce(l_shape())
-    assert found.area[0] == 1400
-    assert found.filled_coverage[0].sum() * PATCH**2 == 1690
-    assert found.quality[0] == 0.8284023668639053
-
-
 def test_values_equal_the_original():
     """Coverage, hull, box, center and solidity recorded for three frames of `small`."""
     with np.load(load.ROOT / "perception" / "small.npz") as data:
@@ -140,15 +126,6 @@ def test_no_detections_at_all():
     assert not found.valid.any()
 
 
-def test_slots_are_filled_in_order():
-    mask = blank()
-    mask[0, 0] = True
-    found = reduce(mask, mask, slots=5)
-    assert found.class_id.tolist() == [0, 1, 0, 0, 0]
-    assert found.detector_score.tolist() == [0.5, 0.5, 0, 0, 0]
-    assert found.valid.tolist() == [True, True, False, False, False]
-
-
 def test_pixels_beyond_the_last_whole_patch_do_not_count():
     mask = blank(43, 53)
     mask[40:, :] = mask[:, 48:] = True
@@ -159,15 +136,6 @@ def test_pixels_beyond_the_last_whole_patch_do_not_count():
     assert found.area[0] == mask.sum()
 
 
-def test_one_pixel():
-    mask = blank()
-    mask[39, 47] = True
-    found = reduce(mask)
-    assert found.box[0].tolist() == [47, 39, 48, 40]
-    assert found.quality[0] == 1.0
-    assert found.coverage[0, 4, 5] == 1 / 64
-
-
 @pytest.mark.parametrize("size", [(8, 400), (400, 8), (8, 8)])
 def test_extreme_frames(size):
     mask = np.ones(size, bool)
@@ -175,13 +143,6 @@ def test_extreme_frames(size):
     assert found.coverage.shape[1:] == (size[0] // 8, size[1] // 8)
     assert (found.coverage == 1).all()
     assert (found.filled_coverage == 1).all()
-
-
-def test_transposed_masks_are_transposed_in_everything():
-    found = reduce(l_shape(), l_shape().T.copy())
-    np.testing.assert_array_equal(found.coverage[0], found.coverage[1].T)
-    np.testing.assert_array_equal(found.filled_coverage[0], found.filled_coverage[1].T)
-    assert found.center[0].tolist() == found.center[1][::-1].tolist()
 
 
 def hollow():
@@ -227,21 +188,6 @@ def test_erosion_spares_what_touches_the_box(radius):
     reduced = reduce(mask, erosion_px=radius)
     assert reduced.area[0] == 36
     np.testing.assert_array_equal(reduced.box[0], [5, 4, 11, 10])
-
-
-def test_erosion_changes_all_that_is_measured():
-    """A square with a corner bitten off loses what is near the bite, a thin cross is lost."""
-    bitten, cross = blank(16, 16), blank(16, 16)
-    bitten[4:10, 4:10] = True
-    bitten[4:6, 4:6] = False
-    cross[3:12, 7] = cross[7, 3:12] = True
-    eroded = reduce(bitten, cross, erosion_px=1)
-    shrunk = bitten.copy()
-    shrunk[4:7, 4:7] = False
-    expected = reduce(shrunk)
-    assert eroded.valid.tolist() == [True, False]
-    for field in ("coverage", "filled_coverage", "quality", "box", "center", "area"):
-        np.testing.assert_array_equal(getattr(eroded, field)[0], getattr(expected, field)[0])
 
 
 def test_a_hole_open_to_the_frame_is_not_filled():

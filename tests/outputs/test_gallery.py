@@ -114,21 +114,6 @@ def test_without_images_the_size_decides():
     assert best_of([(mask, None) for mask in masks])[0] == 1
 
 
-def test_a_visit_keeps_one_crop_however_long_it_is():
-    _, collector = best_of([(square(40, 30, 10 + i), textured(i)) for i in range(40)])
-    assert len(collector.sightings) == 1
-
-
-def test_a_return_starts_another_view():
-    collector = SightingCollector()
-    for index, side in enumerate([30, *[0] * MIN_ABSENCE_FRAMES, 8]):
-        rows = [{"object_id": 0}] if side else []
-        collector.add(None, make_tracks(index, square(40, 30, side)[None][: len(rows)], rows))
-    first, back = collector.sightings
-    assert first.image.tobytes() != back.image.tobytes()
-    assert back.position == MIN_ABSENCE_FRAMES + 1
-
-
 def test_crop_shows_the_object_in_its_middle():
     image = np.zeros((100, 140, 3), np.uint8)
     masks = np.zeros((2, 100, 140), bool)

@@ -17,7 +17,6 @@ from remind_jax.outputs.label_edits import (
     Merge,
     Move,
     apply_edits,
-    first_labels,
     read_edits,
 )
 from remind_jax.outputs.result import Result
@@ -43,13 +42,6 @@ def test_without_edits_firm_identities_are_labels(result):
     same = apply_edits(result, made(result), "edits.json")
     assert labels_of(same) == labels_of(result)
     assert all((tracks.is_firm == (tracks.object_id != NO_ID)).all() for tracks in same.tracks)
-
-
-def test_an_identity_given_twice_in_a_frame_labels_the_better_one():
-    masks = np.zeros((2, 8, 8), bool)
-    masks[0, :2, :2], masks[1, 4:6, 4:6] = True, True
-    rows = [{"object_id": 3, "score": 0.4}, {"object_id": 3, "score": 0.8}]
-    assert [one.tolist() for one in first_labels([make_tracks(0, masks, rows)])] == [[NO_ID, 3]]
 
 
 def test_edits_are_applied_in_order(result):

@@ -2,8 +2,9 @@ import av
 import numpy as np
 import pytest
 
+import remind_jax as rj
 from remind_jax.decision import Outcome
-from remind_jax.errors import OutputError
+from remind_jax.errors import OutputError, SourceError
 from remind_jax.outputs import overlay
 from remind_jax.outputs.drawing import NO_IMAGE_GRAY, identity_color
 from remind_jax.outputs.overlay import OverlayVideo, draw_for_video, draw_overlay, is_playable
@@ -133,3 +134,23 @@ def test_a_video_that_cannot_be_written_is_named(tmp_path):
         OverlayVideo(tmp_path / "none" / "overlay.mp4", 10) as video,
     ):
         video.add(np.zeros((48, 64, 3), np.uint8))
+
+
+IMAGE = np.full((200, 200, 3), 100, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (
+            lambda: rj.draw(IMAGE[:60], one_square(object_id=3)),
+            "image is 200x60, its tracks .* 200x200",
+        ),
+        (lambda: rj.draw(IMAGE / 255, one_square(object_id=3)), "the frame is float64"),
+        (lambda: rj.draw("a", one_square(object_id=3)), "the frame is"),
+        (lambda: rj.draw(IMAGE, None), "tracks are of type NoneType"),
+    ],
+)
+def test_other_things_are_refused(call, sentence):
+    with pytest.raises(SourceError, match=sentence):
+        call()

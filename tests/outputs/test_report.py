@@ -187,11 +187,6 @@ def test_a_long_run_is_explained_as_far_as_the_page_can_hold(monkeypatch):
     assert pack(result)["blocks"] == whole["blocks"][:2]
 
 
-def test_same_run_same_bytes():
-    _, result = make_traced_run(8)
-    assert report.pack_explanations(result) == report.pack_explanations(result)
-
-
 def test_a_run_without_trace_has_no_explanations():
     _, result = make_run(4)
     assert report.report_data(result, [], None)["explanations"] is None

@@ -74,11 +74,6 @@ def test_objects_know_absences_and_returns():
     assert (second.first_frame, second.absences, second.returns) == (13, (), ())
 
 
-def test_shorter_absences_count_when_asked():
-    result = run_of_presence("xx.....xx....x")
-    assert result.objects(min_absence_frames=4)[0].absences == ((2, 6), (9, 12))
-
-
 def test_absences_use_frame_numbers():
     result = run_of_presence("x.....x")
     renumbered = tuple(
@@ -179,14 +174,6 @@ def test_supervision_gets_identities_and_masks():
     assert detections.data["outcome"][1] == "ambiguous"
     assert detections.class_id is not None
     assert [result.class_names[i] for i in detections.class_id] == list(tracks.labels)
-
-
-@pytest.mark.parametrize("names", [5, "mug", True])
-def test_supervision_refuses_what_is_no_list_of_names(names):
-    pytest.importorskip("supervision")
-    tracks = run_of_presence("x").tracks[0]
-    with pytest.raises(OutputError, match=r"class names are .*; give a list of names"):
-        tracks.to_supervision(names)
 
 
 def test_supervision_takes_an_empty_frame():

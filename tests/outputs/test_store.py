@@ -160,10 +160,3 @@ def test_what_is_wrong_in_a_frame_is_named(tmp_path, change, said):
     _change_line(path, 4, change)
     with pytest.raises(OutputError, match=said):
         store.read_detections(path)
-
-
-def test_damaged_run_json_is_named(tmp_path):
-    path = tmp_path / store.RUN_NAME
-    path.write_text('{"a": ')
-    with pytest.raises(OutputError, match=r"run\.json'"):
-        store.read_run_json(path)

@@ -1,9 +1,11 @@
 import dataclasses
+import itertools
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from remind_jax.outputs.presence import join_positions
 from remind_jax.outputs.report import (
     build_timeline,
     frame_steps,
@@ -60,3 +62,10 @@ def test_from_half_a_minute_on_steps_are_minutes():
     assert 20 in steps
     assert 50 not in steps
     assert [step for step in steps if step > 20] == [60, 120, 300, 600, 1200]
+
+
+@given(st.lists(st.integers(0, 60)))
+def test_spans_hold_all_positions_and_touch_nowhere(positions):
+    spans = join_positions(sorted(positions))
+    assert [p for first, last in spans for p in range(first, last + 1)] == sorted(set(positions))
+    assert all(one[1] + 1 < other[0] for one, other in itertools.pairwise(spans))

@@ -51,12 +51,6 @@ def test_a_finished_run_has_everything(tmp_path, made):
     assert loaded.summary()["outcome_shares"] == made[1].summary()["outcome_shares"]
 
 
-def test_the_overlay_can_be_left_out(tmp_path, made):
-    write(tmp_path, made, overlay=False)
-    assert not (tmp_path / "overlay.mp4").exists()
-    assert (tmp_path / "report.html").exists()
-
-
 def test_frames_without_images_are_written(tmp_path, made):
     frames = [type(f)(f.index, f.source_index, f.time_s, f.name) for f in made[0]]
     write(tmp_path, (frames, made[1]))
@@ -95,12 +89,6 @@ def test_an_unusable_frame_rate_gets_a_neutral_one(tmp_path, made):
     info = type(result.info)(**{**vars(result.info), "fps": 0.0})
     write(tmp_path, (frames[:3], type(result)(result.tracks[:3], info)))
     assert Result.load(tmp_path).info.fps == 10
-
-
-def test_a_folder_with_files_is_refused_before_work(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(OutputError, match=r"not empty \(it holds 'notes.txt'\)"):
-        RunWriter(tmp_path, make_info())
 
 
 def test_overwriting_removes_only_what_a_run_writes(tmp_path, made):

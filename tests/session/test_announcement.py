@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import remind_jax as rj
-from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import ConfigError
 from remind_jax.files.records import decode_json
@@ -32,7 +31,6 @@ from remind_jax.session.announcement import (
     choose_after,
 )
 from remind_jax.session.memory_file import load_memory
-from remind_jax.session.progress import Progress
 from remind_jax.tracks import Tracks
 from tests.cli import scenes
 from tests.outputs.fake_run import make_tracks
@@ -340,16 +338,6 @@ def test_pictures_wait_for_announcements(tmp_path, monkeypatch):
     assert ids(drawn)[3] == [0, 1, 2]
 
 
-def test_an_interrupted_run_has_all_frames(tmp_path):
-    def stop(step: Progress) -> None:
-        if step.num_done == 4:
-            raise KeyboardInterrupt
-
-    result = run(announce_after=AFTER, out=tmp_path, progress=stop)
-    assert ids(list(result.tracks)) == EXPECTED[:4]
-    assert ids(list(Result.load(tmp_path).tracks)) == EXPECTED[:4]
-
-
 def save_first_half(folder: Path, **options: Any) -> Path:
     tracker = rj.Tracker(**OPTIONS | options)
     for picture in PICTURES[:4]:
@@ -366,19 +354,3 @@ def test_ids_stay_from_run_to_run(tmp_path):
         assert ids([tracker.update(*picture) for picture in PICTURES[4:]]) == [
             [0, 1, last] for last in expected
         ]
-
-
-def test_objects_of_a_memory_without_announcements_are_known(tmp_path):
-    path = save_first_half(tmp_path)  # the thing seen once is object 2 of this memory
-    tracker = rj.Tracker(announce_after=AFTER, **OPTIONS)
-    tracker.load(path)
-    answers = ids([tracker.update(*picture) for picture in PICTURES[4:]])
-    assert answers == [[0, 1, last] for last in (NO_ID, NO_ID, 3, 3)]
-
-
-def test_a_configuration_may_ask_for_it(tmp_path):
-    (tmp_path / "mine.yaml").write_text("base: default\ninput:\n  announce_after: 4\n")
-    config = load_config(tmp_path / "mine.yaml")
-    config = dataclasses.replace(config, static=dataclasses.replace(config.static, **STATIC))
-    assert run(config=config).info.config["input"]["announce_after"] == 4
-    assert run(config=config, announce_after=2).info.config["input"]["announce_after"] == 2

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from remind_jax.config import Config, list_configs, load_config
+from remind_jax.config import Config, load_config
 from remind_jax.errors import ConfigError
 from remind_jax.method import get_method, list_methods
 from remind_jax.settings.ranges import (
@@ -46,12 +46,6 @@ def test_the_table_names_no_unit_that_nobody_has():
         record for name in list_methods() for *_, record in numbers(get_method(name).settings())
     ]
     assert set(RANGES) == {record.unit for record in records}
-
-
-@pytest.mark.parametrize("name", list_configs())
-def test_shipped_configurations_pass(name):
-    config = load_config(name)
-    assert load_config(config) is config
 
 
 @pytest.mark.parametrize("name", list_methods())

@@ -61,11 +61,6 @@ def test_iterator_can_be_read_once():
         list(source)
 
 
-def test_iterable_that_starts_again_can_be_read_twice():
-    source = open_source(list(pictures(2)))
-    assert len(list(source)) == len(list(source)) == 2
-
-
 @pytest.mark.parametrize(
     "item", [np.zeros((4, 5, 3), np.float32), np.zeros(3, np.uint8), "a" * 3, None, object()]
 )
@@ -100,6 +95,17 @@ def test_masks_per_frame_of_any_form():
         (),
         ("cup",),
     ]
+
+
+def test_masks_need_images():
+    described = Frame(0, 0, 0.0, "a", features=np.zeros((1, 1, 3), np.float32))
+    with pytest.raises(SourceError, match="no images that the masks could belong to"):
+        list(open_source([described], masks=[making.instance_map()]))
+
+
+def test_a_start_beyond_the_end_is_told():
+    with pytest.raises(SourceError, match="the first one asked for is number 3; lower the start"):
+        list(open_source(pictures(1), sampling=Sampling(start=3)))
 
 
 def test_too_few_masks():

@@ -57,17 +57,6 @@ def test_youtube_vos():
     assert parse({"videos": videos}, "other") == Metadata()
 
 
-def test_scannetpp_annotations():
-    groups = [{"id": 4, "objectId": 4, "label": "office chair", "segments": [1, 2]}]
-    assert parse({"segGroups": groups}).classes[4] == "office chair"
-
-
-def test_frame_names():
-    assert parse({"frame_names": ["b.jpg", "a.jpg"]}).frame_names == ("b.jpg", "a.jpg")
-    with pytest.raises(SourceError, match="frame_names"):
-        parse({"frame_names": "a.jpg"})
-
-
 def test_file_about_other_things_says_nothing():
     assert parse({"camera": "left"}) == Metadata()
 

@@ -92,14 +92,6 @@ def test_frames_one_per_line(tmp_path):
     assert making.detections_in(frames[1]).instance_ids.tolist() == [6]
 
 
-def test_numbers_of_a_video(tmp_path):
-    making.write_video(tmp_path / "a.mp4", 3)
-    content = [{"frame": 2, "detections": [{"label": "tv", "segmentation": RLE}]}]
-    (tmp_path / "d.json").write_text(json.dumps(content))
-    source = open_source(tmp_path / "a.mp4", masks=tmp_path / "d.json")
-    assert [labels for labels, _ in seen(source)] == [(), (), ("tv",)]
-
-
 @pytest.mark.parametrize(
     ("numbers", "sampling", "told"),
     [

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.sources import Sampling, open_source
+from remind_jax.sources import open_source
 from tests.sources import making
 
 
@@ -27,33 +27,6 @@ def test_root_and_sequence(tmp_path, place):
         assert detections.masks.dtype == bool
         for mask, instance_id in zip(detections.masks, (1, 2), strict=True):
             np.testing.assert_array_equal(mask, making.instance_map() == instance_id)
-
-
-def test_palette_and_16_bit_maps_give_the_same(tmp_path):
-    making.write_davis(tmp_path, metadata=making.LABELS)
-    folder = tmp_path / "Annotations" / "room"
-    (folder / "00001.png").write_bytes(making.palette_png(making.instance_map()))
-    (folder / "00002.png").write_bytes(making.gray_png(making.instance_map().astype(np.uint16)))
-    first, *others = map(making.detections_in, open_source(tmp_path))
-    for other in others:
-        np.testing.assert_array_equal(other.masks, first.masks)
-        assert other.labels == first.labels
-        np.testing.assert_array_equal(other.instance_ids, first.instance_ids)
-
-
-def test_ids_beyond_a_byte(tmp_path):
-    making.write_davis(tmp_path, num=1, metadata={"id_to_class": {"300": "cup", "40000": "tv"}})
-    labels = making.instance_map(ids=(40_000, 300))
-    (tmp_path / "Annotations/room/00000.png").write_bytes(making.gray_png(labels))
-    (frame,) = open_source(tmp_path)
-    assert frame.detections is not None
-    assert frame.detections.instance_ids.tolist() == [300, 40_000]
-    assert frame.detections.labels == ("cup", "tv")
-
-
-def test_without_metadata_everything_is_an_object(tmp_path):
-    making.write_davis(tmp_path)
-    assert labels_of(open_source(tmp_path)) == [("object", "object")] * 3
 
 
 def test_without_annotations_there_are_no_detections(tmp_path):
@@ -128,23 +101,6 @@ def test_damaged_annotation_skips_its_frame(tmp_path):
     assert "00001.png" in source.skipped[0].reason
 
 
-def test_map_of_the_same_aspect_is_resized_to_the_frame(tmp_path):
-    making.write_davis(tmp_path, num=1, metadata=making.LABELS)
-    big = making.instance_map((64, 96))
-    (tmp_path / "Annotations/room/00000.png").write_bytes(making.gray_png(big))
-    (frame,) = open_source(tmp_path)
-    assert frame.detections is not None
-    np.testing.assert_array_equal(frame.detections.masks[1], making.instance_map() == 2)
-
-
-def test_map_of_another_aspect_names_both_sizes(tmp_path):
-    making.write_davis(tmp_path, num=1, metadata=making.LABELS)
-    other = making.gray_png(making.instance_map((48, 48)))
-    (tmp_path / "Annotations/room/00000.png").write_bytes(other)
-    with pytest.raises(SourceError, match=r"'00000\.png' is 48x48, its frame is 48x32"):
-        list(open_source(tmp_path))
-
-
 def test_several_sequences_need_a_choice(tmp_path):
     making.write_davis(tmp_path, "bear")
     making.write_davis(tmp_path, "camel", num=2)
@@ -190,13 +146,3 @@ def test_listed_frame_that_is_missing(tmp_path):
     making.write_davis(tmp_path, metadata={"frame_names": ["00000.jpg", "gone.jpg"]})
     with pytest.raises(SourceError, match=r"1 of 2 frames .* the first is 'gone\.jpg'"):
         open_source(tmp_path)
-
-
-def test_sampled_frames_keep_their_masks(tmp_path):
-    making.write_davis(tmp_path, num=5)
-    for number in range(5):
-        labels = making.instance_map(ids=(number + 1,))
-        path = tmp_path / f"Annotations/room/{number:05d}.png"
-        path.write_bytes(making.palette_png(labels))
-    source = open_source(tmp_path, sampling=Sampling(stride=2, start=1))
-    assert [f.detections.instance_ids.tolist() for f in source if f.detections] == [[2], [4]]

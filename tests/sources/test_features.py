@@ -6,20 +6,11 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.sources import Sampling, open_source
+from remind_jax.sources import open_source
 from tests.sources import making
 
 FEATURES = np.arange(3 * 2 * 3 * 4, dtype=np.float32).reshape(3, 2, 3, 4)
 MAPS = np.stack([making.instance_map()] * 3)
-
-
-def test_npy(tmp_path):
-    np.save(tmp_path / "f.npy", FEATURES)
-    frames = list(open_source(tmp_path / "f.npy", sampling=Sampling(stride=2)))
-    assert [f.source_index for f in frames] == [0, 2]
-    np.testing.assert_array_equal(frames[1].features, FEATURES[2])
-    assert frames[0].image is None
-    assert frames[0].detections is None
 
 
 def test_a_file_that_is_cut_short_while_it_is_read_ends_no_process(tmp_path):
@@ -135,13 +126,6 @@ def test_pickles_and_damaged_files_are_refused(tmp_path):
         save(tmp_path / name, objects)
         with pytest.raises(SourceError, match=name):
             open_source(tmp_path / name)
-
-
-def test_masks_with_ids_need_labels(tmp_path):
-    making.write_images(tmp_path / "v", ["0.png", "1.png", "2.png"])
-    np.savez(tmp_path / "m.npz", masks=MAPS, ids=np.array([1, 2]))
-    with pytest.raises(SourceError, match="as many 'labels' as 'ids'"):
-        open_source(tmp_path / "v", masks=tmp_path / "m.npz")
 
 
 def test_a_header_of_impossible_sides_is_refused(tmp_path):

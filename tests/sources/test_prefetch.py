@@ -3,7 +3,11 @@ import time
 
 import pytest
 
-from remind_jax.sources import prefetch
+from remind_jax.sources import prefetch as module
+
+
+def prefetch(items, function=lambda item: item, depth=4, size_of=lambda result: 1):
+    return module.prefetch(items, function, depth=depth, size_of=size_of)
 
 
 def alive():
@@ -23,16 +27,6 @@ def test_keeps_order_and_maps(depth):
     assert list(prefetch(iter("abc"), depth=depth)) == ["a", "b", "c"]
     assert list(prefetch([])) == []
     assert not alive()
-
-
-def test_none_is_an_ordinary_item():
-    assert list(prefetch([None, 1, None])) == [None, 1, None]
-
-
-def test_function_runs_in_another_thread():
-    threads = list(prefetch(range(3), lambda _: threading.current_thread()))
-    assert len(set(threads)) == 1
-    assert threads[0] is not threading.current_thread()
 
 
 def test_error_is_raised_at_its_place():
@@ -100,17 +94,6 @@ def test_early_stop_ends_the_thread_and_closes_the_iterable():
     assert not alive()
 
 
-def test_interrupt_in_the_consumer_ends_the_thread():
-    def consume():
-        for index, _ in enumerate(prefetch(range(10**9))):
-            if index == 3:
-                raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        consume()
-    wait_until(lambda: not alive())
-
-
 def test_nothing_starts_before_the_first_item_is_wanted():
     def items():
         pytest.fail("started too early")
@@ -118,11 +101,6 @@ def test_nothing_starts_before_the_first_item_is_wanted():
 
     prefetch(items()).close()
     assert not alive()
-
-
-def test_depth_is_checked_at_once():
-    with pytest.raises(ValueError, match="depth is 0"):
-        prefetch([], depth=0)
 
 
 @pytest.mark.parametrize(("size", "num_ahead"), [(1, 4), (100 << 20, 3), (1 << 30, 1)])

@@ -1,16 +1,11 @@
-import types
-
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from remind_jax.errors import SourceError
-from remind_jax.masks.letterbox import Letterbox
 from remind_jax.sources import detections_from
 from tests.sources import making
-from tests.sources.published import Tensor, sam_masks, ultralytics_results
+from tests.sources.published import sam_masks, ultralytics_results
 from tests.sources.test_coco_masks import encode
 
 SIZE = making.SIZE
@@ -39,31 +34,6 @@ def test_planes_of_yolo_leave_the_letterbox(dtype):
     np.testing.assert_array_equal(found.masks, MASKS)
     assert found.labels == ("tv", "cup")
     np.testing.assert_allclose(found.scores, [0.9, 0.5])
-
-
-@settings(deadline=None, max_examples=60)
-@given(
-    frame_size=st.tuples(st.integers(40, 300), st.integers(40, 300)),
-    input_size=st.tuples(st.integers(64, 320), st.integers(64, 320)),
-)
-def test_planes_of_any_input_lie_where_they_were(frame_size, input_size):
-    height, width = frame_size
-    mask = np.zeros((1, height, width), bool)
-    mask[:, height // 4 : height // 4 * 3, width // 4 : width // 4 * 3] = True
-    planes = letterboxed(mask, input_size)
-    found = detections_from(ultralytics_results(frame_size, [[0, 0, 1, 1]], planes), frame_size)
-    box = Letterbox.fit(frame_size, input_size)
-    # Both pictures have whole pixels: an edge is off by one of each at most.
-    off_px = 1 + np.divide(frame_size, box.scaled_size)
-    found_at, true_at = np.nonzero(np.asarray(found.masks)[0]), np.nonzero(mask[0])
-    for axis in (0, 1):
-        assert abs(found_at[axis].min() - true_at[axis].min()) <= off_px[axis]
-        assert abs(found_at[axis].max() - true_at[axis].max()) <= off_px[axis]
-
-
-def test_planes_of_the_frame_are_taken_as_they_are():
-    found = detections_from(ultralytics_results(SIZE, BOXES, MASKS.astype(np.float32)), SIZE)
-    np.testing.assert_array_equal(found.masks, MASKS)
 
 
 def test_boxes_of_a_yolo_that_segments_nothing():
@@ -96,14 +66,6 @@ def test_results_without_detections_are_refused():
     classified.boxes = None
     with pytest.raises(SourceError, match="neither boxes nor masks"):
         detections_from(classified, SIZE)
-
-
-def test_results_on_a_gpu_say_what_to_do():
-    there = ultralytics_results(SIZE, BOXES, MASKS, device="cuda:0")
-    with pytest.raises(SourceError, match=r"masks of device 'cuda:0' .* \.cpu\(\)"):
-        detections_from(there, SIZE)
-    with pytest.raises(SourceError, match=r"boxes of device 'cuda:0' .* \.cpu\(\)"):
-        detections_from(ultralytics_results(SIZE, BOXES, device="cuda:0"), SIZE)
 
 
 def test_names_of_the_answer_go_before_names_of_the_call():
@@ -154,21 +116,6 @@ def test_estimates_of_sam_must_be_numbers():
         detections_from(sam_masks(MASKS, ["a", "b"]), SIZE)
 
 
-def test_rf_detr_gives_class_names():
-    answer = types.SimpleNamespace(
-        xyxy=np.array(BOXES, np.float32),
-        mask=MASKS,
-        confidence=np.array([0.75, 0.5], np.float32),
-        class_id=np.array([47, 72]),
-        data={
-            "class_name": np.array(["cup", "tv"], dtype=object),
-            "source_shape": np.tile(np.array(SIZE), (2, 1)),
-        },
-    )
-    found = detections_from(answer, SIZE)
-    assert (found.labels, found.scores.tolist()) == (("cup", "tv"), [0.75, 0.5])
-
-
 def test_compact_masks_of_supervision():
     sv = pytest.importorskip("supervision")
     compact = sv.CompactMask.from_dense(MASKS, np.array(BOXES), image_shape=SIZE)
@@ -176,15 +123,6 @@ def test_compact_masks_of_supervision():
     np.testing.assert_array_equal(detections_from(whole, SIZE).masks, MASKS)
     answer = sv.Detections(xyxy=np.array(BOXES), mask=compact)
     np.testing.assert_array_equal(detections_from(answer, SIZE).masks, compact.to_dense())
-
-
-def test_arrays_of_other_libraries():
-    parts = {"boxes": Tensor(BOXES), "class_ids": Tensor([1, 0]), "scores": Tensor([0.5, 1.0])}
-    found = detections_from({**parts, "class_names": ["a", "b"]}, SIZE)
-    assert (found.labels, found.scores.tolist()) == (("b", "a"), [0.5, 1.0])
-    np.testing.assert_array_equal(detections_from(Tensor(MASKS), SIZE).masks, MASKS)
-    shared = detections_from(Tensor(MASKS), SIZE).masks
-    assert np.shares_memory(shared, MASKS)
 
 
 def test_bare_boxes_are_told_how_they_are_given():

@@ -68,13 +68,6 @@ def test_the_preferred_masks_are_taken(tmp_path):
         open_source(path)
 
 
-def test_unlabelled_instances(tmp_path):
-    path = write(tmp_path / "s", IMAGES | exported(ids=(1, 7)))
-    with pytest.raises(SourceError, match=r"instances 7 in .*meta_benchmark_instance\.json"):
-        open_source(path)
-    assert seen(open_source(path, unlabelled="skip"))[0][1] == ("chair",)
-
-
 def test_rendered_ids_with_labels_of_the_scan(tmp_path):
     groups = {"segGroups": [{"objectId": 1, "label": "chair"}, {"objectId": 2, "label": "lamp"}]}
     files = {"scans/segments_anno.json": json.dumps(groups).encode()} | {
@@ -98,8 +91,3 @@ def test_video_of_a_scene(tmp_path):
     source = open_source(path)
     assert [f.source_index for f in source] == list(range(6))
     assert source.name == "s"
-
-
-def test_images_only(tmp_path):
-    path = write(tmp_path / "s", IMAGES)
-    assert [f.detections for f in open_source(path)] == [None] * 3

@@ -46,13 +46,6 @@ def test_sampling_keeps_the_clock_of_the_source(tmp_path):
     np.testing.assert_allclose([f.time_s for f in frames], [0.3, 0.5, 0.7], atol=1e-3)
 
 
-def test_second_pass_gives_the_same(tmp_path):
-    making.write_video(tmp_path / "a.mp4", 5)
-    source = open_source(tmp_path / "a.mp4")
-    for first, second in zip(list(source), list(source), strict=True):
-        np.testing.assert_array_equal(first.image, second.image)
-
-
 def test_truncated_video_keeps_what_was_decoded(tmp_path):
     making.write_video(tmp_path / "a.mp4", movflags="faststart")
     whole = (tmp_path / "a.mp4").read_bytes()
@@ -125,16 +118,3 @@ def test_telephone_video_is_turned_upright(tmp_path):
     turned = next(iter(open_source(tmp_path / "a.mp4"))).image
     assert flat is not None
     np.testing.assert_array_equal(turned, np.rot90(flat, -1))
-
-
-def test_masks_of_a_video_go_by_number(tmp_path):
-    making.write_video(tmp_path / "a.mp4", 4)
-    folder = tmp_path / "masks"
-    folder.mkdir()
-    for number in (1, 2, 3, 4):
-        (folder / f"{number:04d}.png").write_bytes(
-            making.gray_png(making.instance_map(ids=(number,)))
-        )
-    frames = list(open_source(tmp_path / "a.mp4", masks=folder))
-    given = [f.detections.instance_ids.tolist() for f in frames if f.detections is not None]
-    assert given == [[1], [2], [3], [4]]

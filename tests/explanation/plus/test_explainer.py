@@ -11,9 +11,7 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.cli.main import main
-from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.errors import OutputError
-from remind_jax.explanation.plus.explanation import PlusExplanation
+from remind_jax.decision import Outcome
 from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.verdicts import Stage
 from tests.plus.test_method import pan_frames
@@ -130,40 +128,3 @@ def test_what_a_delay_revised_is_explained(result):
         was, now = first.object_id[row], changed.object_id[row]
         why = late.explain(first.frame_index, row).why
         assert why[-1] == f"Later frames changed the answer: square {now} instead of square {was}."
-
-
-def test_unknown_frames_and_damaged_traces_are_refused(result, tmp_path):
-    with pytest.raises(OutputError, match="has no frame 999"):
-        result.explain(999, 0)
-    with pytest.raises(OutputError, match="has no detection 99"):
-        result.explain(result.tracks[0].frame_index, 99)
-    result.save(tmp_path)
-    path = tmp_path / "trace.npz"
-    path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(OutputError, match="damaged"):
-        rj.Result.load(tmp_path).explain(result.tracks[0].frame_index, 0)
-
-
-def test_no_detection_is_explained_twice_or_left_out(result, explained):
-    assert len(explained) == sum(len(tracks) for tracks in result.tracks)
-    assert all(one.tracklet_id not in (None, NO_ID) for one in explained)
-
-
-def test_objects_are_called_as_they_were_announced(result):
-    after = 1 + min(thing.num_frames for thing in result.objects())
-    waited = rj.run(pan_frames(), config="plus", trace=True, announce_after=after)
-    named = {i for tracks in waited.tracks for i in tracks.object_id.tolist()} - {NO_ID}
-    assert named == set(range(len(named)))
-    unannounced = 0
-    for tracks in waited.tracks:
-        for row, object_id in enumerate(tracks.object_id.tolist()):
-            one = waited.explain(tracks.frame_index, row)
-            assert isinstance(one, PlusExplanation)
-            assert one.object_id == (None if object_id == NO_ID else object_id)
-            text = " ".join(one.why)
-            if one.reason == Reason.SEEN_TOO_FEW_TIMES:
-                unannounced += 1
-                assert f"too few times to be announced (input.announce_after {after})" in text
-            elif one.stage == Stage.SETTLED:
-                assert f"{one.label} {object_id}" in text
-    assert unannounced > 0

@@ -11,7 +11,6 @@ from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
 from remind_jax.explanation.explanation import lay_out, render_frame
 from remind_jax.explanation.remind.explanation import Candidate, RemindExplanation
-from remind_jax.outputs.result import Result
 from remind_jax.remind.association.gating import Gate
 from tests.outputs.fake_run import make_run
 from tests.outputs.traced_run import EMPTY, UNDECIDED, make_traced_run
@@ -92,13 +91,6 @@ def test_a_frame_is_listed_to_choose_from(result):
     assert render_frame(result.tracks[EMPTY]).endswith("nothing was detected")
 
 
-def test_what_is_saved_is_explained_the_same(result, tmp_path):
-    result.save(tmp_path)
-    again = Result.load(tmp_path)
-    assert again.explain(UNDECIDED, 0) == result.explain(UNDECIDED, 0)
-    assert again.explain(3, 1).to_json() == result.explain(3, 1).to_json()
-
-
 @pytest.mark.parametrize(
     ("frame", "detection", "message"),
     [
@@ -114,12 +106,6 @@ def test_what_is_not_there_is_named(result, frame, detection, message):
     with pytest.raises(OutputError) as raised:
         result.explain(frame, detection)
     assert str(raised.value) == message
-
-
-def test_a_run_without_trace_cannot_be_explained():
-    _, result = make_run(4)
-    with pytest.raises(OutputError, match=r"holds no trace; run again with trace=True"):
-        result.explain(0, 0)
 
 
 def test_a_trace_of_another_run_is_noticed(result):
