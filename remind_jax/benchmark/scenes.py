@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 from remind_jax.errors import SourceError, nearest_names
 from remind_jax.sources import davis, open_source, scannetpp
-from remind_jax.sources.file_tree import FileTree
 from remind_jax.sources.sampling import Sampling
 from remind_jax.sources.source import Source
 
@@ -88,30 +87,29 @@ def _scenes_at(path: Path, metadata: str | None) -> list[Scene]:
     """Scenes of a folder; none if it is something else."""
     if not path.is_dir():
         return []
-    tree = FileTree(path)
     chosen = None if metadata is None else path / metadata
     if chosen is not None and not chosen.is_file():
         chosen = None
-    if davis.is_davis(tree):
+    if davis.is_davis(path):
         return [
             Scene(
                 name=PurePosixPath(sequence).name or path.name,
                 path=path,
                 layout="davis",
-                has_masks=davis.annotation_folder(tree, sequence) is not None,
+                has_masks=davis.annotation_folder(path, sequence) is not None,
                 sequence=sequence or None,
                 metadata=chosen,
             )
-            for sequence in davis.list_sequences(tree)
+            for sequence in davis.list_sequences(path)
         ]
-    if scannetpp.find_images(tree) is not None:
-        has_masks = _has_scannetpp_masks(path, tree)
+    if scannetpp.find_images(path) is not None:
+        has_masks = _has_scannetpp_masks(path)
         return [Scene(path.name, path, "scannetpp", has_masks, metadata=chosen)]
     return []
 
 
-def _has_scannetpp_masks(path: Path, tree: FileTree) -> bool:
-    if scannetpp.find_masks(tree) is not None:
+def _has_scannetpp_masks(path: Path) -> bool:
+    if scannetpp.find_masks(path) is not None:
         return True
     beside = scannetpp.find_annotations_beside(path)
-    return beside is not None and scannetpp.find_masks(FileTree(beside)) is not None
+    return beside is not None and scannetpp.find_masks(beside) is not None

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from remind_jax.session.memory_file import SavedMemory
     from remind_jax.session.object_records import RememberedObject
 
-_METAVAR = "[rename|merge|split|forget|join ...]"
 # What can be changed, by its words.
 _CHANGES = {
     "rename": 'rename ID NAME ("" takes a name back)',

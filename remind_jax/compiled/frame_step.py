@@ -68,12 +68,6 @@ class FrameStep:
         self._method, self._is_traced = method, traced
         self._prepared: dict[Any, _Programs] = {}
 
-    def __call__(
-        self, memory: Bundle, frame_input: FrameInput, static: Static
-    ) -> tuple[Bundle, Packed, Any]:
-        """Describes and decides."""
-        return self.decide(memory, self.describe(frame_input, static))
-
     def describe(self, frame_input: FrameInput, static: Static) -> Described:
         """What the frame looks like."""
         leaves, structure = jax.tree.flatten(frame_input)
@@ -101,10 +95,6 @@ class FrameStep:
     def prepare(self, frame_input: FrameInput, static: Static) -> None:
         """Makes the programs for inputs of such sizes, in whatever thread this is."""
         self._programs(*jax.tree.flatten(frame_input), static)
-
-    def programs(self) -> list[Program]:
-        """Those made so far."""
-        return [one for both in self._prepared.values() for one in (both.describe, both.decide)]
 
     def _programs(self, leaves: list[Any], structure: Any, static: Static) -> _Programs:
         key = (structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves), static)

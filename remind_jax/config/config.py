@@ -306,11 +306,8 @@ def _as_tracker(name: Any, origin: str) -> str:
 
 def _as_nested(values: Any, origin: str) -> dict[str, Any]:
     """Nested values of bounded depth and size by their keys."""
-    return records.check(_as_dicts(values), dict[str, Any], origin, refused=ConfigError)
-
-
-def _as_dicts(values: Any) -> Any:
-    return dict(values) if isinstance(values, Mapping) else values
+    values = dict(values) if isinstance(values, Mapping) else values
+    return records.check(values, dict[str, Any], origin, refused=ConfigError)
 
 
 def _plain(value: Any) -> Any:

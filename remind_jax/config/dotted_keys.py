@@ -8,12 +8,14 @@ from typing import Any
 from remind_jax.settings.record import walk_settings
 
 
-def flatten(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Walks nested values as dotted keys."""
+def flatten(
+    tree: Mapping[str, Any], path: str = "", *, with_empty: bool = False
+) -> Iterator[tuple[str, Any]]:
+    """Walks nested values as dotted keys; of sections only the empty ones, if they are wanted."""
     for key, value in tree.items():
         dotted = f"{path}.{key}" if path else str(key)
-        if isinstance(value, Mapping):
-            yield from flatten(value, dotted)
+        if isinstance(value, Mapping) and (value or not with_empty):
+            yield from flatten(value, dotted, with_empty=with_empty)
         else:
             yield dotted, value
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from remind_jax.config.dotted_keys import flatten_fields
+from remind_jax.config.dotted_keys import flatten, flatten_fields
 from remind_jax.config.files import list_configs
 from remind_jax.errors import ConfigError, close_names, nearest_names
 from remind_jax.method import get_method, list_methods
@@ -52,7 +52,7 @@ def flat_keys(
     """
     flat: dict[str, Any] = {}
     written: dict[str, str] = {}
-    for name, value in _walk(changes):
+    for name, value in flatten(changes, with_empty=True):
         if keys_below(name, known):
             if not isinstance(value, Mapping):
                 raise ConfigError(f"{name} in {origin} is {value!r}; it must hold keys and values")
@@ -76,16 +76,6 @@ def how_to_choose(tracker: str) -> str:
     """What chooses a tracker: its configuration, where one is shipped."""
     option, key = ("config", "base") if tracker in list_configs() else ("tracker", "tracker")
     return f"--{option} {tracker}, or `{key}: {tracker}` in a file or in values"
-
-
-def _walk(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names of everything in nested values; of a section only if it is empty."""
-    for key, value in tree.items():
-        name = f"{path}.{key}" if path else str(key)
-        if isinstance(value, Mapping) and value:
-            yield from _walk(value, name)
-        else:
-            yield name, value
 
 
 def _ending_in(name: str, keys: Collection[str]) -> list[str]:

@@ -97,11 +97,7 @@ def decode_json(
 
 
 def decode_rows(
-    raws: Iterable[msgspec.Raw],
-    record: type[Record],
-    where: str,
-    *,
-    refused: Family = SourceError,
+    raws: Iterable[msgspec.Raw], record: type[Record], where: str
 ) -> Iterator[Row[Record]]:
     """Entries of a list one by one, so that a bad one spoils no other.
 
@@ -110,7 +106,7 @@ def decode_rows(
     """
     decode = _decoder(record).decode
     for number, raw in enumerate(raws, 1):
-        yield _decode(decode, raw, f"{where}, row {number}: ", number, refused)
+        yield _decode(decode, raw, f"{where}, row {number}: ", number, SourceError)
 
 
 def read_lines(path: str | Path, *, refused: Family = SourceError) -> Iterator[tuple[int, bytes]]:

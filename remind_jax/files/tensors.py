@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import zipfile
-from collections.abc import Collection
 from pathlib import Path
 from typing import IO, Annotated
 
@@ -40,9 +39,7 @@ class SafetensorsHeader:
     tensors: dict[str, TensorEntry]
 
 
-def read_safetensors_header(
-    path: str | Path, *, refused: Family, max_bytes: int = limits.MAX_TENSOR_BYTES
-) -> SafetensorsHeader:
+def read_safetensors_header(path: str | Path, *, refused: Family) -> SafetensorsHeader:
     """Reads the header of a safetensors file, and nothing else.
 
     Raises:
@@ -53,7 +50,7 @@ def read_safetensors_header(
 
     with reading(path, refused):
         check_regular(path)
-        check_size(path, max_bytes)
+        check_size(path, limits.MAX_TENSOR_BYTES)
         with safe_open(str(path), "np") as file:
             slices = {name: file.get_slice(name) for name in file.keys()}  # noqa: SIM118
             tensors = {
@@ -72,7 +69,7 @@ class SafetensorsPart:
 
 
 def read_safetensors_parts(
-    path: str | Path, *, refused: Family, max_bytes: int = limits.MAX_TENSOR_BYTES
+    path: str | Path, *, refused: Family
 ) -> tuple[list[SafetensorsPart], bool]:
     """Reads safetensors that lie in a file one after another; also says whether the last is whole.
 
@@ -86,7 +83,7 @@ def read_safetensors_parts(
 
     parts: list[SafetensorsPart] = []
     with reading(path, refused):
-        data = read_bytes(path, max_bytes)
+        data = read_bytes(path, limits.MAX_TENSOR_BYTES)
         start = 0
         while start < len(data) or not parts:
             header, end = _header_at(data, start)
@@ -128,11 +125,7 @@ def _header_at(data: bytes, start: int) -> tuple[bytes, int]:
 
 
 def read_npz(
-    path: str | Path,
-    *,
-    refused: Family,
-    names: Collection[str] | None = None,
-    max_bytes: int = limits.MAX_NPZ_BYTES,
+    path: str | Path, *, refused: Family, max_bytes: int = limits.MAX_NPZ_BYTES
 ) -> dict[str, np.ndarray]:
     """Reads arrays of an NPZ file; their sizes are compared before any is decompressed.
 
@@ -154,13 +147,12 @@ def read_npz(
                     f"'{path}' has {len(archive.infolist())} members; at most {limits.MAX_MEMBERS} "
                     "of different names are read"
                 )
-            chosen = {n: info for n, info in infos.items() if names is None or n in names}
-            if sum(info.file_size for info in chosen.values()) > max_bytes:
+            if sum(info.file_size for info in infos.values()) > max_bytes:
                 raise refused(
                     f"'{path}' holds over {say_bytes(max_bytes)} of arrays, which are not read; "
                     "split it"
                 )
-            for name, info in chosen.items():
+            for name, info in infos.items():
                 with reading(path, refused, place=repr(name)), archive.open(info) as file:
                     arrays[name] = _read_array(file, info.file_size)
     return arrays

@@ -14,9 +14,9 @@ from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_FRAMES, MAX_SIDE_PX, MAX_TEXT_BYTES
 from remind_jax.formats.firm import firm_rows, masks_without_overlap
-from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
+from remind_jax.formats.rows import UNKNOWN_CLASS, RowCollector, TrackRows
 from remind_jax.frame import Rle
-from remind_jax.masks.run_length import find_malformed, mask_areas, union_area
+from remind_jax.masks.run_length import mask_areas, union_area
 from remind_jax.tracks import Tracks
 
 FileFormat = Literal["mot", "mots", "kitti-mots"]
@@ -130,8 +130,7 @@ def _read_boxes(path: str | Path, name: str, *, is_truth: bool) -> TrackRows:
 
 
 def _read_masks(path: str | Path, name: str, first_frame: int, *, is_truth: bool) -> TrackRows:
-    numbers: list[tuple[int, int, int]] = []
-    rles: list[Rle] = []
+    collected = RowCollector()
     for line_number, line in enumerate(_read_text(path).splitlines(), 1):
         if not line.strip():
             continue
@@ -141,36 +140,24 @@ def _read_masks(path: str | Path, name: str, first_frame: int, *, is_truth: bool
             size = [int(height), int(width)]
             if max(map(abs, row)) > _MAX_ID or not 1 <= min(size) <= max(size) <= MAX_SIDE_PX:
                 raise ValueError("beyond all measure")
-            numbers.append(row)
-            rles.append({"size": size, "counts": counts.encode("ascii")})
+            collected.add(*row, rle={"size": size, "counts": counts.encode("ascii")})
         except ValueError:
             raise SourceError(
                 f"{path}, line {line_number}: '{line[:60]}' is not a MOTS row; "
                 "it needs frame id class height width rle, separated by spaces, whole numbers and "
                 f"sides of 1 to {MAX_SIDE_PX} pixels"
             ) from None
-    wrong = find_malformed(rles)
-    if wrong is not None:
-        frame, track_id, _ = numbers[wrong]
-        height, width = rles[wrong]["size"]
-        raise SourceError(
-            f"{path}, frame {frame}, id {track_id}: the run lengths are damaged or do not add up "
-            f"to a mask of {height} x {width} pixels (height x width)"
-        )
-    table = np.asarray(numbers, np.int64).reshape(-1, 3)
-    order = np.argsort(table[:, 0], kind="stable")
-    frame, track_id, text_class = table[order].T
-    frame, num_frames = _count_frames(path, frame, first_frame)
-    rows = TrackRows(
+    rows = collected.finish(str(path), 0)
+    frame, num_frames = _count_frames(path, rows.frame, first_frame)
+    text_class = rows.class_id
+    rows = dataclasses.replace(
+        rows,
         name=name,
         num_frames=num_frames,
         frame=frame,
-        track_id=track_id,
-        boxes=boxes_of(rles)[order],
         class_id=np.full(len(frame), UNKNOWN_CLASS),
         text_class=text_class,
-        rles=tuple(rles[row] for row in order),
-        frame_size=size_of(rles[order[0]]) if rles else None,
+        rles=rows.rles or (),
         first_frame=first_frame,
         file=str(path),
     )

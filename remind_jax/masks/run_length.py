@@ -34,11 +34,17 @@ def _encode_crop(
     corner: tuple[int, int], window: Bool[np.ndarray, "_h _w"], frame_size: tuple[int, int]
 ) -> Rle:
     """The code of a mask of which only the part in a box is looked at."""
-    (left, top), (height, width) = corner, frame_size
+    (left, top), height = corner, frame_size[0]
     # As columns of the picture, with a pixel of background before and behind.
     columns = np.zeros((window.shape[1], height), bool)
     columns[:, top : top + window.shape[0]] = window.T
     edges = np.flatnonzero(np.diff(columns.ravel(), prepend=False, append=False)) + left * height
+    return _encode_edges(edges, frame_size)
+
+
+def _encode_edges(edges: Int[np.ndarray, "edges"], frame_size: tuple[int, int]) -> Rle:
+    """The code of a mask by the places where its runs begin and end, pixels by columns."""
+    height, width = frame_size
     counts = np.diff(edges, prepend=0, append=height * width).tolist()
     plain = {"size": [height, width], "counts": counts if counts[-1] else counts[:-1]}
     return coco.frPyObjects(plain, height, width)
@@ -46,7 +52,6 @@ def _encode_crop(
 
 def encode_label_map(labels: Integer[np.ndarray, "H W"]) -> dict[int, Rle]:
     """One code for each number above 0 of a label map, by rising number."""
-    height, width = labels.shape
     pixels = np.ascontiguousarray(labels.T).ravel()
     starts = np.concatenate([[0], np.flatnonzero(pixels[1:] != pixels[:-1]) + 1])
     stops = np.append(starts[1:], pixels.size)
@@ -58,9 +63,7 @@ def encode_label_map(labels: Integer[np.ndarray, "H W"]) -> dict[int, Rle]:
         if not len(runs):
             continue
         edges = np.column_stack([starts[runs], stops[runs]]).ravel()
-        counts = np.diff(edges, prepend=0, append=pixels.size).tolist()
-        plain = {"size": [height, width], "counts": counts if counts[-1] else counts[:-1]}
-        rles[int(values[runs[0]])] = coco.frPyObjects(plain, height, width)
+        rles[int(values[runs[0]])] = _encode_edges(edges, labels.shape)
     return rles
 
 

@@ -6,15 +6,12 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import ConfigError, OutputError
 from remind_jax.frame import Frame
-from remind_jax.masks.run_length import decode_mask, mask_box
+from remind_jax.masks.run_length import cut_masks
 from remind_jax.outputs.drawing import encode_jpeg
-from remind_jax.outputs.overlay import detection_color
+from remind_jax.outputs.overlay import detection_color, find_contours
 from remind_jax.printing.terminal import printable
 from remind_jax.tracks import Tracks
 
@@ -112,11 +109,11 @@ class McapRecord(contextlib.AbstractContextManager):
             messages.PointsAnnotation(
                 timestamp=stamp,
                 type=messages.PointsAnnotationType.LineLoop,
-                points=[messages.Point2(x=float(x), y=float(y)) for x, y in part],
+                points=[messages.Point2(x=float(x), y=float(y)) for x, y in part[:, 0]],
                 outline_color=self._color(tracks, row),
                 thickness=2.0,
             )
-            for part in _contours(tracks, row)
+            for part in find_contours(cut_masks([tracks.rles[row]], tracks.frame_size))
         ]
 
     def _name(self, tracks: Tracks, row: int, stamp: Any) -> Any:
@@ -146,16 +143,3 @@ def _facts(tracks: Tracks, row: int) -> dict[str, Any]:
         "candidates": [int(other) for other in tracks.candidate_id[row] if other != NO_ID],
         "box": [float(side) for side in tracks.boxes[row]],
     }
-
-
-def _contours(tracks: Tracks, row: int) -> list[np.ndarray]:
-    """Corners `[P, 2]` (column, row in pixels) of the outline of each part of a mask."""
-    rle = tracks.rles[row]
-    left, top, width, height = mask_box(rle)
-    if not width or not height:
-        return []
-    mask = np.ascontiguousarray(decode_mask(rle)[top : top + height, left : left + width])
-    found, _ = cv2.findContours(
-        mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top)
-    )
-    return [part[:, 0, :] for part in found]

@@ -13,9 +13,9 @@ import av
 import cv2
 import numpy as np
 from av.error import FFmpegError
-from jaxtyping import UInt8
+from jaxtyping import Int, UInt8
 
-from remind_jax.crops import nearest_places
+from remind_jax.crops import Crops, nearest_places
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import SourceError
 from remind_jax.files import writing
@@ -151,21 +151,27 @@ def _is_discarded(tracks: Tracks, row: int) -> bool:
 def _draw_mask(canvas: np.ndarray, rle: Rle, ink: Color, thin: bool) -> None:
     """Tints the mask unless it is only to be outlined, and draws its outline with a dark rim."""
     crops = cut_masks([rle], (canvas.shape[0], canvas.shape[1]))
-    (left, top), mask = crops.corners[0], crops.windows[0].view(np.uint8)
+    (left, top), mask = crops.corners[0], crops.windows[0]
     height, width = mask.shape
-    if not width or not height:
-        return
-    if not thin:
+    if not thin and mask.size:
         region = canvas[top : top + height, left : left + width]
         tinted = (region * (1 - _TINT) + np.multiply(ink, _TINT)).astype(np.uint8)
-        np.copyto(region, tinted, where=mask.astype(bool)[..., None])
-    contours, _ = cv2.findContours(
-        mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top)
-    )
+        np.copyto(region, tinted, where=mask[..., None])
+    contours = find_contours(crops)
     line_px = 1 if thin else max(2, round(canvas.shape[0] / 320))
     if not thin:
         cv2.drawContours(canvas, contours, -1, (16, 18, 22), line_px + 2, cv2.LINE_AA)
     cv2.drawContours(canvas, contours, -1, ink, line_px, cv2.LINE_AA)
+
+
+def find_contours(masks: Crops) -> list[Int[np.ndarray, "P 1 2"]]:
+    """The outline of each part of one mask, as corners (column, row in pixels)."""
+    (corner,), (window,) = masks.corners, masks.windows
+    if not window.size:
+        return []
+    mode, method = cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+    found, _ = cv2.findContours(window.view(np.uint8), mode, method, offset=corner)
+    return list(found)
 
 
 def _draw_label(

@@ -6,7 +6,6 @@ All text of the run reaches the page as JSON and is set as text, never as HTML.
 from __future__ import annotations
 
 import base64
-import dataclasses
 import gzip
 import html
 import itertools
@@ -26,7 +25,6 @@ from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.outputs.drawing import encode_jpeg, identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.presence import (
-    UNDECIDED,
     Presence,
     Span,
     find_presences,
@@ -79,8 +77,7 @@ def render_page(title: str, data: dict[str, Any], scripts: Sequence[str]) -> str
 
 def report_data(result: Result, sightings: Sequence[Sighting], video: str | None) -> dict[str, Any]:
     """What the page draws. Positions count processed frames 0, 1, 2, ..."""
-    info, timeline = result.info, build_timeline(result)
-    summary = result.summary()
+    info, summary, num_frames = result.info, result.summary(), len(result.tracks)
     position_of = {tracks.frame_index: place for place, tracks in enumerate(result.tracks)}
     class_of = {label: number for number, label in enumerate(result.class_names)}
     return {
@@ -91,8 +88,8 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
         "video": video,
         "explanations": pack_explanations(result),
         "fps": info.fps,
-        "frame_steps": frame_steps(timeline.num_frames),
-        "time_steps": time_steps(max(timeline.num_frames, 1) / info.fps) if info.fps > 0 else [],
+        "frame_steps": frame_steps(num_frames),
+        "time_steps": time_steps(max(num_frames, 1) / info.fps) if info.fps > 0 else [],
         "classes": list(class_of),
         "frames": [_frame_data(tracks, class_of) for tracks in result.tracks],
         "outcomes": [outcome.name.lower() for outcome in Outcome],
@@ -120,11 +117,11 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
                     if sighting.object_id == row.object_id
                 ],
             }
-            for row in timeline.rows
+            for row in by_first_sight(result)
         ],
         "comparison": [COMPARISON_HEADS, *result.comparison] if result.comparison else [],
-        "ambiguous": timeline.ambiguous,
-        "provisional": timeline.provisional,
+        "ambiguous": spans_with(result, Outcome.AMBIGUOUS),
+        "provisional": spans_with(result, Outcome.PROVISIONAL_NEW, Outcome.PROVISIONAL_PARENT),
         "stages": [{"name": name, **times} for name, times in summary["ms_per_frame"].items()],
         "start_up": _start_up(result),
         "skipped": [{"name": frame.name, "reason": frame.reason} for frame in result.skipped],
@@ -308,33 +305,17 @@ def _to_script_json(content: dict[str, Any]) -> str:
     return text
 
 
-@dataclasses.dataclass(frozen=True)
-class Timeline:
-    """All identities over time, sorted by first sight, and what was never decided."""
-
-    num_frames: int
-    rows: tuple[Presence, ...]
-    ambiguous: tuple[Span, ...]  # frames with at least one such detection
-    provisional: tuple[Span, ...]
+def by_first_sight(result: Result) -> list[Presence]:
+    """All identities over time."""
+    return sorted(find_presences(result.tracks), key=lambda row: row.seen[0][0])
 
 
-def build_timeline(result: Result) -> Timeline:
-    """Collects presence, absence and doubt from a run."""
-
-    def frames_with(outcomes: Sequence[Outcome]) -> tuple[Span, ...]:
-        return join_positions(
-            position
-            for position, tracks in enumerate(result.tracks)
-            if np.isin(tracks.outcome, outcomes).any()
-        )
-
-    by_first_sight = sorted(find_presences(result.tracks), key=lambda row: row.seen[0][0])
-    provisional = [outcome for outcome in UNDECIDED if outcome != Outcome.AMBIGUOUS]
-    return Timeline(
-        num_frames=len(result.tracks),
-        rows=tuple(by_first_sight),
-        ambiguous=frames_with([Outcome.AMBIGUOUS]),
-        provisional=frames_with(provisional),
+def spans_with(result: Result, *outcomes: Outcome) -> tuple[Span, ...]:
+    """Frames with at least one detection of these outcomes."""
+    return join_positions(
+        position
+        for position, tracks in enumerate(result.tracks)
+        if np.isin(tracks.outcome, outcomes).any()
     )
 
 

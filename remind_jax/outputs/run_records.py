@@ -267,14 +267,13 @@ class RunInfo(Printable):
         return msgspec.to_builtins(self)
 
     @classmethod
-    def from_json(
-        cls, content: Mapping[str, Any], where: str = "the description of the run"
-    ) -> RunInfo:
+    def from_json(cls, content: Mapping[str, Any]) -> RunInfo:
         """Reads back what `to_json` made; unknown keys of later versions are left out.
 
         Raises:
-          OutputError: If a key is missing or of another kind; `where` it stands is named.
+          OutputError: If a key is missing or of another kind.
         """
+        where = "the description of the run"
         return check(content, RunInfo, where, refused=OutputError).checked(where)
 
     def checked(self, where: str) -> RunInfo:

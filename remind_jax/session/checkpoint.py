@@ -19,6 +19,7 @@ from typing import Any, Literal
 import msgspec
 
 from remind_jax import files
+from remind_jax.config.dotted_keys import flatten
 from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TraceArchive
 from remind_jax.files.records import Count, Label, Small, decode_json, read_lines
@@ -78,7 +79,9 @@ class Header(msgspec.Struct, frozen=True):
         Raises:
           OutputError: If something differs; the sentence names the first thing that does.
         """
-        was, given = (_flatten(msgspec.to_builtins(one)) for one in (self, now))
+        was, given = (
+            dict(flatten(msgspec.to_builtins(one), with_empty=True)) for one in (self, now)
+        )
         for name in dict.fromkeys((*given, *was)):
             if name not in _NOT_COMPARED and was.get(name) != given.get(name):
                 raise OutputError(
@@ -218,13 +221,3 @@ class Checkpoints:
         # As they are made: in other types pictures would be cut out a little differently.
         arrays = {name: vars(tracks)[name].astype("f4") for name in ("boxes", "detector_scores")}
         return dataclasses.replace(tracks, **arrays), row.step
-
-
-def _flatten(tree: Any, prefix: str = "") -> dict[str, Any]:
-    """The values of nested dictionaries by dotted name; lists are values."""
-    if not isinstance(tree, Mapping) or not tree:
-        return {prefix.removesuffix("."): tree}
-    found: dict[str, Any] = {}
-    for name, value in tree.items():
-        found |= _flatten(value, f"{prefix}{name}.")
-    return found

@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import dataclasses
+import functools
 import gc
 import logging
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -101,11 +103,7 @@ class GrowingMemory:
         self.at_rest = self._new_rest()
 
     def prepare_programs(
-        self,
-        frame_feats: AnyFeats,
-        prepared: Prepared,
-        thresholds: Any,
-        num_objects: int,
+        self, frame_feats: AnyFeats, prepared: Prepared, thresholds: Any, num_objects: int
     ) -> None:
         """Compiles or loads what such frames need, for up to `num_objects` objects at least.
 
@@ -116,8 +114,9 @@ class GrowingMemory:
         ready = [static]
         while self.at_rest is None and ready[-1].num_objects < num_objects:
             ready.append(ready[-1].grow(num_objects=ready[-1].num_objects + 1))
+        make_input = functools.partial(self._input, frame_feats, prepared, thresholds)
         for static in ready:
-            self._prepare(frame_feats, prepared, thresholds, static)
+            self._prepare(make_input, static)
         # What tracing left behind takes a tenth of a second to go through: better now than within
         # a frame.
         gc.collect()
@@ -142,10 +141,10 @@ class GrowingMemory:
         self._grow(**needed)
         if self.state is None:
             self.state = self._method.init(self.static)
+        make_input = functools.partial(self._input, frame_feats, prepared, thresholds)
         outlines: Outlines | None = None
         while True:
-            frame_input = self._input(frame_feats, prepared, thresholds, self.static)
-            described = self.frame_step.describe(frame_input, self.static)
+            described = self.frame_step.describe(make_input(self.static), self.static)
             if self.at_rest is not None and outlines is None and self.at_rest.ids():
                 recalled = self.at_rest.recall(self.state, described.seen, self.static)
                 if recalled is not None:
@@ -164,7 +163,7 @@ class GrowingMemory:
             _return_freed_memory()
         self.has_grown = self.static != before
         self.trace = jax.device_get(trace)
-        self._look_ahead(frame_feats, prepared, thresholds, readout.occupied)
+        self._look_ahead(make_input, num, readout.occupied)
         return readout.decisions, outlines
 
     def forget_beyond(self, num: int) -> list[int]:
@@ -247,23 +246,12 @@ class GrowingMemory:
             return self.static
         return dataclasses.replace(self.static, feature_dim=dim)
 
-    def _prepare(
-        self,
-        frame_feats: AnyFeats,
-        prepared: Prepared,
-        thresholds: Any,
-        static: Static,
-    ) -> None:
+    def _prepare(self, make_input: Callable[[Static], FrameInput], static: Static) -> None:
         check_room(self._method, static)
-        frame_input = self._input(frame_feats, prepared, thresholds, static)
-        self.frame_step.prepare(frame_input, static)
+        self.frame_step.prepare(make_input(static), static)
 
     def _input(
-        self,
-        frame_feats: AnyFeats,
-        prepared: Prepared,
-        thresholds: Any,
-        static: Static,
+        self, frame_feats: AnyFeats, prepared: Prepared, thresholds: Any, static: Static
     ) -> FrameInput:
         masks = pad_masks(prepared.masks, static.num_detections)
         given = Packed.of((masks, prepared.observed))
@@ -280,14 +268,13 @@ class GrowingMemory:
 
     def _look_ahead(
         self,
-        frame_feats: AnyFeats,
-        prepared: Prepared,
-        thresholds: Any,
+        make_input: Callable[[Static], FrameInput],
+        num_detections: int,
         occupied: tuple[Any, Any],
     ) -> None:
         """Has twice prepared of each capacity that is nearly full."""
         num_objects, num_pending = (int(count) for count in occupied)
-        counts = {"num_detections": len(prepared.masks.valid), "num_pending": num_pending}
+        counts = {"num_detections": num_detections, "num_pending": num_pending}
         if self.at_rest is None:
             counts["num_objects"] = num_objects
         pressed = [n for n, num in counts.items() if num >= PRESSED[n] * getattr(self.static, n)]
@@ -297,9 +284,7 @@ class GrowingMemory:
             wanted = self.static.grow(**{n: getattr(self.static, n) + 1 for n in pressed})
             wanted = self._grown(wanted)
             # The size of this frame is that of the next ones.
-            self.ahead.start(
-                wanted, lambda: self._prepare(frame_feats, prepared, thresholds, wanted)
-            )
+            self.ahead.start(wanted, lambda: self._prepare(make_input, wanted))
 
 
 def check_room(method: Method, static: Static) -> None:

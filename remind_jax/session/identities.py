@@ -82,7 +82,7 @@ class Identities:
         """
         before = self.announcements
         if self._is_new_session:
-            self.records.next_session()
+            self.records.session += 1
             self._is_new_session = False
         self.decided, self.merges = decided, list(merges)
         self.announcements = announce(self.announcements, decided, self.announce_after, merges)

@@ -91,7 +91,7 @@ class ObjectRecords:
     """A record of each object that was answered.
 
     Attributes:
-      session: The number of this one.
+      session: The number of this one; it goes up before the first frame of another.
       names: Given by people, by id; replaced as a whole, never changed.
       merged_into: What people declared to be another object, and which.
     """
@@ -349,10 +349,6 @@ class ObjectRecords:
         """Lets the records of other objects go, but for those that people named or merged."""
         kept = {*ids, *self.names, *self.merged_into, *self.merged_into.values()}
         self._records = {one: record for one, record in self._records.items() if one in kept}
-
-    def next_session(self) -> None:
-        """Before the first frame of another session."""
-        self.session += 1
 
     def kept(self, ids: Collection[int]) -> Mapping[int, ObjectRecord]:
         """The records that a memory file keeps, for `to_file`; they are replaced, never changed."""

@@ -17,59 +17,28 @@ from typing import Any
 from remind_jax.errors import ConfigError, OptionError
 from remind_jax.settings.record import Setting
 
-_ODDS = (-1e4, 1e4)
-_MEASURE = (-1.0, 2.0)  # of what lies in [-1, 1]
-_AMOUNT = (0.0, 1e6)
-
+_MEASURES = (  # of what lies in [-1, 1]
+    *("agreement", "cosine", "coverage", "maturity", "quality", "reliability", "score"),
+    *("share of a patch", "share of the channels", "share of the object", "share of the patches"),
+    *("share of the ring", "share of the score", "similarity", "solidity", "strength"),
+    "usefulness",
+)
+_AMOUNTS = (
+    *("classes", "clusters", "decisions", "detections", "effective patches", "episodes", "factor"),
+    *("frames", "hits", "length", "links", "object sizes", "objects", "pairs", "parts", "patches"),
+    *("per episode", "per nat", "px", "samples", "sets", "sightings", "ticks"),
+)
 # By unit, the least and the largest value of a threshold.
 RANGES: dict[str, tuple[float, float]] = {
-    "agreement": _MEASURE,
-    "classes": _AMOUNT,
-    "clusters": _AMOUNT,
-    "cosine": _MEASURE,
-    "coverage": _MEASURE,
-    "decisions": _AMOUNT,
-    "detections": _AMOUNT,
-    "effective patches": _AMOUNT,
-    "episodes": _AMOUNT,
+    **dict.fromkeys(_MEASURES, (-1.0, 2.0)),
+    **dict.fromkeys(_AMOUNTS, (0.0, 1e6)),
     "exponent": (-100.0, 100.0),
-    "factor": _AMOUNT,
-    "frames": _AMOUNT,
-    "hits": _AMOUNT,
-    "length": _AMOUNT,
-    "links": _AMOUNT,
-    "log odds": _ODDS,
-    "maturity": _MEASURE,
-    "object sizes": _AMOUNT,
-    "objects": _AMOUNT,
-    "pairs": _AMOUNT,
-    "parts": _AMOUNT,
-    "patches": _AMOUNT,
-    "per episode": _AMOUNT,
-    "per nat": _AMOUNT,
+    "log odds": (-1e4, 1e4),
     "probability": (0.0, 1.0),
-    "px": _AMOUNT,
-    "quality": _MEASURE,
-    "reliability": _MEASURE,
     "rounds": (0.0, 100.0),
-    "samples": _AMOUNT,
-    "score": _MEASURE,
-    "sets": _AMOUNT,
     "share": (0.0, 100.0),
-    "share of a patch": _MEASURE,
-    "share of the channels": _MEASURE,
-    "share of the object": _MEASURE,
-    "share of the patches": _MEASURE,
-    "share of the ring": _MEASURE,
-    "share of the score": _MEASURE,
-    "sightings": _AMOUNT,
-    "similarity": _MEASURE,
-    "solidity": _MEASURE,
     "step": (0.0, 1.0),
-    "strength": _MEASURE,
     "support": (-1e4, 1e4),
-    "ticks": _AMOUNT,
-    "usefulness": _MEASURE,
     "weight": (0.0, 1e4),
 }
 # By unit, the largest count that fixes shapes. What is nested or unrolled takes time without end.
@@ -94,7 +63,6 @@ MAX_COUNTS: dict[str, int] = {
     "sets": 1024,
     "tracks": 8192,
 }
-
 
 _MAX_LISTED = 10_000
 _MAX_CHARACTERS = 200  # of a name

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Integer, UInt8
+from jaxtyping import UInt8
 
 from remind_jax import files
 from remind_jax.errors import SourceError
@@ -122,23 +122,11 @@ def open_stored_maps(
     if unlabelled == "error":
         require_classes(classes, instance_ids_in(maps), file)
 
-    def convert(labels: Integer[np.ndarray, "H W"], frame_size: tuple[int, int]) -> Detections:
+    def convert(index: int, frame_size: tuple[int, int]) -> Detections:
+        labels = read_part(maps, index)
         return detections_in(fit_plane(labels, frame_size, f"a map in '{file}'"), classes)
 
-    return ArrayMasks(_StoredMaps(maps), convert)
-
-
-class _StoredMaps(Sequence[np.ndarray]):
-    """Instance maps one by one, of a file that may be changed meanwhile."""
-
-    def __init__(self, maps: np.ndarray) -> None:
-        self._maps = maps
-
-    def __len__(self) -> int:
-        return len(self._maps)
-
-    def __getitem__(self, index: Any) -> Any:
-        return read_part(self._maps, index)
+    return ArrayMasks(range(len(maps)), convert)
 
 
 def _length(items: Iterable[Any]) -> int | None:

@@ -6,6 +6,7 @@ The forms are in file_formats.md; an id mapped to null is left out on purpose.
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,8 +19,7 @@ from msgspec import Meta
 from remind_jax.errors import SourceError
 from remind_jax.files import limits
 from remind_jax.files.records import decode_json
-from remind_jax.sources.file_tree import FileTree, read_bytes, require_inside
-from remind_jax.sources.source import UnreadableFrame
+from remind_jax.sources.file_tree import read_bytes, require_inside
 
 NUMBERED_LABEL = re.compile(r"^(.+)_\d+$")
 ANY_CLASS = "object"
@@ -83,19 +83,18 @@ class Metadata:
     frame_names: tuple[str, ...] | None = None
 
 
-def find_metadata(tree: FileTree, candidates: Sequence[str], sequence: str) -> Metadata:
+def find_metadata(folder: Path, candidates: Sequence[str], sequence: str) -> Metadata:
     """Reads the first candidate that speaks of instances or frames.
+
+    Args:
+      candidates: Paths below the folder.
 
     Raises:
       SourceError: If that file is damaged.
     """
-    for path in candidates:
-        if tree.has_file(path):
-            try:
-                data = tree.read(path)
-            except UnreadableFrame as error:
-                raise SourceError(f"'{tree.locate(path)}' {error}") from error
-            found = parse_metadata(data, tree.locate(path), sequence)
+    for path in (folder / candidate for candidate in candidates):
+        if os.path.isfile(path):
+            found = parse_metadata(read_bytes(path), str(path), sequence)
             if found != Metadata():
                 return found
     return Metadata()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 from collections.abc import Generator, Sequence
-from pathlib import PurePosixPath
+from pathlib import Path
 
 from remind_jax.errors import SourceError
 from remind_jax.formats.pictures import IMAGE_SUFFIXES, TIMES_NAME, decode_image
 from remind_jax.frame import SkippedFrame
-from remind_jax.sources.file_tree import FileTree, join, require_inside
+from remind_jax.sources.file_tree import files_in, read_of_frame, require_inside
 from remind_jax.sources.sampling import MAX_TIME_S, mean_rate
 from remind_jax.sources.source import DEFAULT_IMAGE_FPS, Content, Entry, Report
 
@@ -22,7 +23,7 @@ OTHER_SUFFIXES = (
 
 
 class ImageReader:
-    """Pictures of one folder of a tree.
+    """Pictures of one folder.
 
     Raises:
       SourceError: If there is no picture, one of `file_names` is missing, or times are no numbers.
@@ -32,83 +33,79 @@ class ImageReader:
 
     def __init__(
         self,
-        tree: FileTree,
-        folder: str,
+        folder: Path,
         name: str,
         fps: float | None,
         file_names: Sequence[str] | None = None,
     ) -> None:
         self._others: list[str] = []
         if file_names is None:
-            file_names = list_images(tree, folder)
-            self._others = _list_by_kind(tree, folder, OTHER_SUFFIXES)
+            file_names = list_images(folder)
+            self._others = _list_by_kind(folder, OTHER_SUFFIXES)
         else:
             for file_name in file_names:
-                require_inside(file_name, f"'{tree.locate(folder)}'")
-            missing = [f for f in file_names if not tree.has_file(join(folder, f))]
+                require_inside(file_name, f"'{folder}'")
+            missing = [f for f in file_names if not os.path.isfile(folder / f)]
             if missing:
                 raise SourceError(
                     f"{len(missing)} of {len(file_names)} frames that the metadata lists are "
-                    f"missing in '{tree.locate(folder)}', the first is '{missing[0]}'"
+                    f"missing in '{folder}', the first is '{missing[0]}'"
                 )
         if not file_names:
-            raise SourceError(
-                f"'{tree.locate(folder)}' holds no images ({', '.join(IMAGE_SUFFIXES)})"
-            )
+            raise SourceError(f"'{folder}' holds no images ({', '.join(IMAGE_SUFFIXES)})")
         self.name = name
         shown_fps = fps or DEFAULT_IMAGE_FPS
-        known_s = _read_times(tree, join(folder, TIMES_NAME), len(file_names))
+        known_s = _read_times(folder / TIMES_NAME, len(file_names))
         self._is_timed = known_s is not None or fps is not None
         self._times_s = known_s or [index / shown_fps for index in range(len(file_names))]
         self.fps: float | None = mean_rate(self._times_s, shown_fps)
         self.num_entries: int | None = len(file_names)
         self.entry_names: tuple[str, ...] | None = tuple(file_names)
-        self._tree, self._folder = tree, folder
+        self._folder = folder
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
         """Yields one entry per picture."""
         for index, name in enumerate(self.entry_names or ()):
-            path = join(self._folder, name)
-            read = functools.partial(_read, self._tree, path)
+            read = functools.partial(_read, self._folder / name)
             yield Entry(index, self._times_s[index], name, read, self._is_timed)
         if self._others:
-            suffix = PurePosixPath(self._others[0]).suffix
+            suffix = Path(self._others[0]).suffix
             reason = f"pictures of the kind {suffix} are not read; convert them to PNG or JPEG"
             report(SkippedFrame(self._others[0], reason, count=len(self._others)))
 
 
-def _read_times(tree: FileTree, path: str, num: int) -> list[float] | None:
+def _read_times(path: Path, num: int) -> list[float] | None:
     """Seconds of the first `num` pictures; None where no file tells."""
-    if not tree.has_file(path):
+    if not os.path.isfile(path):
         return None
     times_s = []
-    for number, line in enumerate(tree.read(path).decode("ascii", "replace").split()[:num]):
+    for number, line in enumerate(read_of_frame(path).decode("ascii", "replace").split()[:num]):
         try:
             time_s = float(line)
         except ValueError:
             time_s = math.nan
         if not abs(time_s) <= MAX_TIME_S:
             raise SourceError(
-                f"line {number + 1} of '{tree.locate(path)}' is {line[:40]!r}; give the seconds of "
+                f"line {number + 1} of '{path}' is {line[:40]!r}; give the seconds of "
                 "one picture in every line, or remove the file"
             )
         times_s.append(time_s)
     if len(times_s) < num:
         raise SourceError(
-            f"'{tree.locate(path)}' has the times of {len(times_s)} of {num} pictures; give all of "
+            f"'{path}' has the times of {len(times_s)} of {num} pictures; give all of "
             "them, or remove the file"
         )
     return times_s
 
 
-def list_images(tree: FileTree, folder: str) -> list[str]:
+def list_images(folder: Path) -> list[str]:
     """Names of the pictures directly in a folder."""
-    return _list_by_kind(tree, folder, IMAGE_SUFFIXES)
+    return _list_by_kind(folder, IMAGE_SUFFIXES)
 
 
-def _list_by_kind(tree: FileTree, folder: str, suffixes: tuple[str, ...]) -> list[str]:
-    return [n for n in tree.files_in(folder) if PurePosixPath(n).suffix.lower() in suffixes]
+def _list_by_kind(folder: Path, suffixes: tuple[str, ...]) -> list[str]:
+    return [n for n in files_in(folder) if Path(n).suffix.lower() in suffixes]
 
 
-def _read(tree: FileTree, path: str) -> Content:
-    return Content(decode_image(tree.read(path)))
+def _read(path: Path) -> Content:
+    return Content(decode_image(read_of_frame(path)))

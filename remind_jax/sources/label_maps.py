@@ -6,7 +6,7 @@ An annotation belongs to the frame of its stem, else of its number, else of its 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Literal
 
 import cv2
@@ -18,7 +18,7 @@ from remind_jax.errors import SourceError
 from remind_jax.formats.pictures import IMAGE_SUFFIXES, read_label_map
 from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ClassNames
-from remind_jax.sources.file_tree import FileTree, join, last_number
+from remind_jax.sources.file_tree import files_in, last_number, read_of_frame
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
 
 Unlabelled = Literal["error", "skip"]
@@ -41,26 +41,25 @@ class LabelMaps:
 
     def __init__(
         self,
-        tree: FileTree,
-        folder: str,
+        folder: Path,
         reader: Reader,
         classes: ClassNames,
         unlabelled: Unlabelled = "error",
         *,
         by_position: bool = False,
     ) -> None:
-        self._tree, self._folder = tree, folder
+        self._folder = folder
         self._classes, self._unlabelled = classes, unlabelled
-        files = [n for n in tree.files_in(folder) if n.lower().endswith((".png", ".tif", ".tiff"))]
+        files = [n for n in files_in(folder) if n.lower().endswith((".png", ".tif", ".tiff"))]
         if not files:
-            raise SourceError(f"'{tree.locate(folder)}' holds no annotations (.png)")
+            raise SourceError(f"'{folder}' holds no annotations (.png)")
         self._file_of = match_annotations(
             files, None if by_position else reader.entry_names, reader.num_entries
         )
         if not self._file_of:
             frames = reader.entry_names
             raise SourceError(
-                f"no annotation in '{tree.locate(folder)}' belongs to a frame of '{reader.name}': "
+                f"no annotation in '{folder}' belongs to a frame of '{reader.name}': "
                 f"neither stems nor numbers agree (first annotation '{files[0]}', first frame "
                 f"'{frames[0] if frames else '0'}')"
             )
@@ -86,7 +85,7 @@ class LabelMaps:
 
     def _read(self, file: str) -> Integer[np.ndarray, "H W"]:
         try:
-            return read_label_map(self._tree.read(join(self._folder, file)))
+            return read_label_map(read_of_frame(self._folder / file))
         except UnreadableFrame as error:
             raise UnreadableFrame(f"its annotation '{file}' cannot be used: {error}") from error
 
@@ -104,13 +103,13 @@ class LabelMaps:
             self._require_classes(instance_ids_in(labels))
         if len(reasons) == len(looked_at):
             raise SourceError(
-                f"'{self._tree.locate(self._folder)}' holds no instance maps that can be used: "
+                f"'{self._folder}' holds no instance maps that can be used: "
                 f"{reasons[0].removeprefix('its ')}"
             )
 
     def _require_classes(self, ids: list[int]) -> None:
         if self._unlabelled == "error" and self._classes.missing(ids):
-            require_classes(self._classes, self._all_ids(), self._tree.locate(self._folder))
+            require_classes(self._classes, self._all_ids(), str(self._folder))
 
     def _all_ids(self) -> set[int]:
         """Ids of all annotations: read only to name everything that is to be mended at once."""

@@ -12,7 +12,7 @@ from remind_jax.errors import OptionError, SourceError
 from remind_jax.sources import davis, scannetpp
 from remind_jax.sources.class_names import Metadata, find_metadata, read_metadata
 from remind_jax.sources.features import FEATURE_SUFFIXES, FeatureReader, find_classes, load_arrays
-from remind_jax.sources.file_tree import FileTree, join, open_tree
+from remind_jax.sources.file_tree import files_in, folders_in
 from remind_jax.sources.image_folder import IMAGE_SUFFIXES, ImageReader, list_images
 from remind_jax.sources.label_maps import LabelMaps, Unlabelled
 from remind_jax.sources.source import MaskProvider, Reader
@@ -45,7 +45,7 @@ def locate(path: Path, choice: Choice) -> Located:
     suffix = path.suffix.lower()
     name = choice.name or path.stem
     if path.is_dir():
-        return _locate_in_tree(path, choice)
+        return _locate_in_folder(path, choice)
     if suffix in FEATURE_SUFFIXES:
         arrays = load_arrays(path)
         classes = find_classes(arrays, str(path), choice.metadata, name)
@@ -53,11 +53,10 @@ def locate(path: Path, choice: Choice) -> Located:
             arrays, name, choice.image_fps, str(path), classes, choice.unlabelled
         ), None
     if suffix in IMAGE_SUFFIXES:
-        folder = FileTree(path.parent)
-        return ImageReader(folder, "", name, choice.image_fps, [path.name]), None
+        return ImageReader(path.parent, name, choice.image_fps, [path.name]), None
     if suffix in (".json", ".jsonl"):
         raise SourceError(f"'{path}' may hold masks, but no frames; give it as masks")
-    return VideoReader(lambda: str(path), name, str(path)), None
+    return VideoReader(path, name), None
 
 
 def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
@@ -66,19 +65,23 @@ def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
     Raises:
       SourceError: If there are none.
     """
-    tree = open_tree(path)
-    if _holds_maps(tree):
-        metadata = _metadata(tree, METADATA_BESIDE_MASKS, reader.name, choice)
-        return _maps(tree, "", reader, metadata, choice)()
-    place = scannetpp.find_masks(tree)
+    if not path.is_dir():
+        raise SourceError(
+            f"'{path}' is no folder; masks are a folder of instance maps (.png), an array (.npz, "
+            ".npy), or COCO run-length JSON"
+        )
+    if _holds_maps(path):
+        metadata = _metadata(path, METADATA_BESIDE_MASKS, reader.name, choice)
+        return _maps(path, reader, metadata, choice)()
+    place = scannetpp.find_masks(path)
     if place is not None:
-        metadata = _metadata(tree, place.metadata_files, reader.name, choice)
-        return _maps(tree, place.folder, reader, metadata, choice, place.by_position)()
+        metadata = _metadata(path, place.metadata_files, reader.name, choice)
+        return _maps(place.folder, reader, metadata, choice, place.by_position)()
     for name in dict.fromkeys(n for n in (choice.sequence, reader.name) if n):
-        for folder in (join(davis.ANNOTATIONS, name), name):
-            if tree.files_in(folder):
-                metadata = _metadata(tree, davis.metadata_files(name), name, choice)
-                return _maps(tree, folder, reader, metadata, choice)()
+        for folder in (path / davis.ANNOTATIONS / name, path / name):
+            if files_in(folder):
+                metadata = _metadata(path, davis.metadata_files(name), name, choice)
+                return _maps(folder, reader, metadata, choice)()
     raise SourceError(
         f"'{path}' holds no instance maps (.png), neither directly nor in "
         f"{davis.ANNOTATIONS}/{reader.name} or {scannetpp.EXPORTED}/<variant>"
@@ -94,9 +97,9 @@ def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
     if choice.sequence is None:
         return
     mask_folder = Path(masks) if isinstance(masks, str | Path) else None
-    if mask_folder is not None and mask_folder.is_dir() and not _holds_maps(FileTree(mask_folder)):
+    if mask_folder is not None and mask_folder.is_dir() and not _holds_maps(mask_folder):
         return
-    is_davis = path is not None and path.is_dir() and davis.is_davis(FileTree(path))
+    is_davis = path is not None and path.is_dir() and davis.is_davis(path)
     if is_davis or (path is not None and davis.split_davis_path(path) is not None):
         return
     source = "the source" if path is None else f"'{path}'"
@@ -107,27 +110,27 @@ def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
     )
 
 
-def _holds_maps(tree: FileTree) -> bool:
-    return any(name.lower().endswith(".png") for name in tree.files_in(""))
+def _holds_maps(folder: Path) -> bool:
+    return any(name.lower().endswith(".png") for name in files_in(folder))
 
 
-def _locate_in_tree(path: Path, choice: Choice) -> Located:
+def _locate_in_folder(path: Path, choice: Choice) -> Located:
     inside = davis.split_davis_path(path)
     if inside is not None:
         root, sequence = inside
         chosen = dataclasses.replace(choice, sequence=sequence or choice.sequence)
-        return _locate_davis(FileTree(root), chosen)
-    tree, name = FileTree(path), choice.name or path.name
-    if davis.is_davis(tree):
-        return _locate_davis(tree, choice)
-    if list_images(tree, ""):
-        return ImageReader(tree, "", name, choice.image_fps), None
-    images = scannetpp.find_images(tree)
+        return _locate_davis(root, chosen)
+    name = choice.name or path.name
+    if davis.is_davis(path):
+        return _locate_davis(path, choice)
+    if list_images(path):
+        return ImageReader(path, name, choice.image_fps), None
+    images = scannetpp.find_images(path)
     if images is not None:
-        return _locate_scene(path, tree, images, name, choice)
-    folders = [f for f in tree.folders_in("") if list_images(tree, f)]
+        return _locate_scene(path, images, name, choice)
+    folders = [folder for folder in folders_in(path) if list_images(path / folder)]
     if len(folders) == 1:
-        return ImageReader(tree, folders[0], name, choice.image_fps), None
+        return ImageReader(path / folders[0], name, choice.image_fps), None
     hint = (
         f"; its folders {', '.join(folders[:4])} do: give one of them"
         if folders
@@ -136,58 +139,47 @@ def _locate_in_tree(path: Path, choice: Choice) -> Located:
     raise SourceError(f"'{path}' holds no images ({', '.join(IMAGE_SUFFIXES)}){hint}")
 
 
-def _locate_davis(tree: FileTree, choice: Choice) -> Located:
-    sequence = davis.find_sequence(tree, choice.sequence)
-    name = choice.name or Path(sequence).name or tree.path.name
-    metadata = _metadata(tree, davis.metadata_files(sequence), Path(sequence).name, choice)
-    folder = join(davis.IMAGES, sequence)
-    reader = ImageReader(tree, folder, name, choice.image_fps, metadata.frame_names)
-    masks = davis.annotation_folder(tree, sequence)
+def _locate_davis(root: Path, choice: Choice) -> Located:
+    sequence = davis.find_sequence(root, choice.sequence)
+    name = choice.name or Path(sequence).name or root.name
+    metadata = _metadata(root, davis.metadata_files(sequence), Path(sequence).name, choice)
+    folder = root / davis.IMAGES / sequence
+    reader = ImageReader(folder, name, choice.image_fps, metadata.frame_names)
+    masks = davis.annotation_folder(root, sequence)
     if masks is None:
         return reader, None
     by_position = metadata.frame_names is not None and all(
-        name.startswith("frame_") for name in tree.files_in(masks)
+        name.startswith("frame_") for name in files_in(masks)
     )
-    return reader, _maps(tree, masks, reader, metadata, choice, by_position)
+    return reader, _maps(masks, reader, metadata, choice, by_position)
 
 
-def _locate_scene(path: Path, tree: FileTree, images: str, name: str, choice: Choice) -> Located:
-    mask_tree, place = tree, scannetpp.find_masks(tree)
+def _locate_scene(path: Path, images: Path, name: str, choice: Choice) -> Located:
+    annotated, place = path, scannetpp.find_masks(path)
     beside = scannetpp.find_annotations_beside(path)
     if place is None and beside is not None:
-        mask_tree = FileTree(beside)
-        place = scannetpp.find_masks(mask_tree)
-    metadata = _metadata(mask_tree, place.metadata_files if place else (), name, choice)
-    if tree.has_file(images):
-        reader: Reader = VideoReader(lambda: tree.open(images), name, tree.locate(images))
+        annotated, place = beside, scannetpp.find_masks(beside)
+    metadata = _metadata(annotated, place.metadata_files if place else (), name, choice)
+    if images.is_file():
+        reader: Reader = VideoReader(images, name)
     else:
-        reader = ImageReader(tree, images, name, choice.image_fps, metadata.frame_names)
+        reader = ImageReader(images, name, choice.image_fps, metadata.frame_names)
     if place is None:
         return reader, None
-    return reader, _maps(mask_tree, place.folder, reader, metadata, choice, place.by_position)
+    return reader, _maps(place.folder, reader, metadata, choice, place.by_position)
 
 
 def _maps(
-    tree: FileTree,
-    folder: str,
-    reader: Reader,
-    metadata: Metadata,
-    choice: Choice,
-    by_position: bool = False,
+    folder: Path, reader: Reader, metadata: Metadata, choice: Choice, by_position: bool = False
 ) -> functools.partial[LabelMaps]:
+    classes, unlabelled = metadata.classes, choice.unlabelled
     return functools.partial(
-        LabelMaps,
-        tree,
-        folder,
-        reader,
-        metadata.classes,
-        choice.unlabelled,
-        by_position=by_position,
+        LabelMaps, folder, reader, classes, unlabelled, by_position=by_position
     )
 
 
-def _metadata(tree: FileTree, candidates: Sequence[str], sequence: str, choice: Choice) -> Metadata:
+def _metadata(folder: Path, candidates: Sequence[str], sequence: str, choice: Choice) -> Metadata:
     """The metadata that was named, else the first of the candidates."""
     if choice.metadata is not None:
         return read_metadata(choice.metadata, sequence)
-    return find_metadata(tree, candidates, sequence)
+    return find_metadata(folder, candidates, sequence)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from pathlib import Path
 
 from remind_jax.errors import SourceError
-from remind_jax.sources.file_tree import FileTree, join
+from remind_jax.sources.file_tree import files_in, folders_in
 from remind_jax.sources.image_folder import list_images
 
 IMAGE_FOLDERS = (
@@ -28,37 +29,38 @@ ANNOTATION_ROOTS = ("annotations", "2Dmasks")
 class MaskPlace:
     """Where the instance maps of a scene are."""
 
-    folder: str
+    folder: Path
     metadata_files: tuple[str, ...]  # candidates, best first
     by_position: bool  # numbered by the frame's place in the sequence
 
 
-def find_images(tree: FileTree) -> str | None:
-    """Folder of images, or video file, of a scene; None if the tree holds none of a scene."""
-    folders = [f for f in IMAGE_FOLDERS if list_images(tree, f)]
-    places = folders + [v for v in VIDEOS if tree.has_file(v)]
+def find_images(scene: Path) -> Path | None:
+    """Folder of images, or video file, of a scene; None if there are none of a scene."""
+    folders = [scene / folder for folder in IMAGE_FOLDERS if list_images(scene / folder)]
+    places = folders + [scene / video for video in VIDEOS if os.path.isfile(scene / video)]
     return places[0] if places else None
 
 
-def find_masks(tree: FileTree) -> MaskPlace | None:
+def find_masks(scene: Path) -> MaskPlace | None:
     """Instance maps of a scene or of its annotations; None if there are none.
 
     Raises:
       SourceError: If there are several, none of a known name.
     """
-    variants = [v for v in tree.folders_in(EXPORTED) if tree.files_in(join(EXPORTED, v))]
+    exported = scene / EXPORTED
+    variants = [v for v in folders_in(exported) if files_in(exported / v)]
     if variants:
         known = [v for v in EXPORTED_VARIANTS if v in variants]
         if len(variants) > 1 and not known:
             raise SourceError(
-                f"'{tree.locate(EXPORTED)}' holds several kinds of masks ({', '.join(variants)}); "
+                f"'{exported}' holds several kinds of masks ({', '.join(variants)}); "
                 f"leave one of them there, or name it {EXPORTED_VARIANTS[0]}"
             )
         chosen = (known or variants)[0]
-        return MaskPlace(join(EXPORTED, chosen), (f"meta_{chosen}.json",), by_position=True)
+        return MaskPlace(exported / chosen, (f"meta_{chosen}.json",), by_position=True)
     for folder in RENDERED_FOLDERS:
-        if tree.files_in(folder):
-            return MaskPlace(folder, RENDERED_LABELS, by_position=False)
+        if files_in(scene / folder):
+            return MaskPlace(scene / folder, RENDERED_LABELS, by_position=False)
     return None
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Generator, Iterator
-from typing import IO, TYPE_CHECKING
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import lazy_loader
 import numpy as np
@@ -41,9 +42,8 @@ class VideoReader:
 
     kind = "video"
 
-    def __init__(self, open_file: Callable[[], str | IO[bytes]], name: str, file: str) -> None:
-        self._open_file, self._file = open_file, file
-        self.name = name
+    def __init__(self, file: Path, name: str) -> None:
+        self._file, self.name = file, name
         self.entry_names: tuple[str, ...] | None = None
         with self._open() as container:
             stream = _video_stream(container, file)
@@ -71,20 +71,16 @@ class VideoReader:
 
     @contextlib.contextmanager
     def _open(self) -> Iterator[av.container.InputContainer]:
-        with contextlib.ExitStack() as stack:
-            try:
-                file = self._open_file()
-                if isinstance(file, str):
-                    files.check_regular(file)
-                else:  # PyAV leaves open what it did not open
-                    stack.enter_context(file)
-                options = {"format_whitelist": CONTAINERS, "max_pixels": str(MAX_PICTURE_PIXELS)}
-                container = stack.enter_context(av.open(file, mode="r", options=options))
-            except (av.error.FFmpegError, OSError, ValueError) as error:
-                raise SourceError(
-                    f"'{self._file}' cannot be opened as a video ({_say(error)}): it is damaged, "
-                    "cut off, or not a video"
-                ) from error
+        options = {"format_whitelist": CONTAINERS, "max_pixels": str(MAX_PICTURE_PIXELS)}
+        try:
+            files.check_regular(self._file)
+            container = av.open(str(self._file), mode="r", options=options)
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            raise SourceError(
+                f"'{self._file}' cannot be opened as a video ({_say(error)}): it is damaged, cut "
+                "off, or not a video"
+            ) from error
+        with container:
             yield container
 
     def _require_a_frame(self) -> None:
@@ -133,13 +129,13 @@ def _name_packet(packet: av.Packet) -> str:
     return f"packet at {float(packet.pts * packet.time_base):.2f} s"
 
 
-def _video_stream(container: av.container.InputContainer, file: str) -> av.VideoStream:
+def _video_stream(container: av.container.InputContainer, file: Path) -> av.VideoStream:
     if not container.streams.video:
         raise SourceError(f"'{file}' has no video track")
     stream = container.streams.video[0]
     if stream.codec_context is None or not stream.codec_context.width:
         raise SourceError(f"the pictures of '{file}' are of an unknown kind or size, or damaged")
-    check_video_size(stream, file)
+    check_video_size(stream, str(file))
     stream.codec_context.options = {"max_pixels": str(MAX_PICTURE_PIXELS)}
     return stream
 

@@ -137,112 +137,66 @@ def test_capacities_of_work_and_stable_banks():
     assert config.static.switches.outer_ring_slots == (30, 5)
 
 
+PERCEPTION, SWITCH = "thresholds.perception.", "static.switches."
+GLOBAL, TRIMMED = f"{PERCEPTION}global_enabled", f"{PERCEPTION}trimmed_enabled"
+PARTS, KMEANS_KEPT = f"{PERCEPTION}parts_enabled", f"{PERCEPTION}kmeans_parts_kept"
+NO_CHANNEL = {
+    "memory.appearance.channels.global.enabled": False,
+    "memory.appearance.channels.global_trimmed.enabled": False,
+}
+NO_KMEANS = {"part_descriptors.kmeans.enabled": False}
+ATTENTION = {"part_descriptors.attention.enabled": True}
+PARTIALS = {"association.similarity.background_partials.enabled": True}
+HYPOTHESES = "association.scores.neighbor_sets.context.k"
+SCALE = "association.matching.neighbor_sets_context_veto.local.expected_topk_scale"
+
+
+def lengths(hypotheses, neighbors):
+    return {f"{SWITCH}context_hypotheses": hypotheses, f"{SWITCH}expected_neighbours": neighbors}
+
+
 # Keys of one setting, what it is with all of them as shipped, and with other values.
 SWITCHED = [
-    ({"dino.patch_threshold": 0.3}, {"thresholds.perception.patch_coverage": 0.0}),
+    ({"dino.patch_threshold": 0.3}, {f"{PERCEPTION}patch_coverage": 0.0}),
     (
         {"dino.patch_threshold": 0.3, "dino.patch_selection": "threshold"},
-        {"thresholds.perception.patch_coverage": 0.3},
+        {f"{PERCEPTION}patch_coverage": 0.3},
     ),
     ({"davis.mask_erosion_px": 2}, {"input.erosion_px": 2}),
     ({"davis.mask_erosion_px": 2, "davis.mask_erosion_iters": 3}, {"input.erosion_px": 6}),
-    ({"object_features.global.enabled": False}, {"thresholds.perception.global_enabled": False}),
+    ({"object_features.global.enabled": False}, {GLOBAL: False}),
     (
         {"memory.appearance.channels.global_trimmed.enabled": False},
-        {
-            "thresholds.perception.trimmed_enabled": False,
-            "thresholds.perception.global_enabled": True,
-        },
+        {TRIMMED: False, GLOBAL: True},
     ),
-    (  # a memory without any channel gets all
-        {
-            "memory.appearance.channels.global.enabled": False,
-            "memory.appearance.channels.global_trimmed.enabled": False,
-        },
-        {
-            "thresholds.perception.trimmed_enabled": True,
-            "thresholds.perception.global_enabled": True,
-        },
-    ),
+    (NO_CHANNEL, {TRIMMED: True, GLOBAL: True}),  # a memory without any channel gets all
     (
-        {
-            "memory.appearance.channels.patch.enabled": True,
-            "memory.appearance.channels.global.enabled": False,
-            "memory.appearance.channels.global_trimmed.enabled": False,
-        },
-        {
-            "thresholds.perception.trimmed_enabled": False,
-            "thresholds.perception.global_enabled": False,
-        },
+        {"memory.appearance.channels.patch.enabled": True, **NO_CHANNEL},
+        {TRIMMED: False, GLOBAL: False},
     ),
-    (
-        {"memory.appearance.enabled": False},
-        {
-            "thresholds.perception.trimmed_enabled": False,
-            "thresholds.perception.global_enabled": False,
-        },
-    ),
-    ({"part_descriptors.enabled": False}, {"thresholds.perception.parts_enabled": False}),
-    ({"part_descriptors.kmeans.enabled": False}, {"thresholds.perception.parts_enabled": False}),
-    (
-        {"part_descriptors.kmeans.enabled": False, "part_descriptors.attention.enabled": True},
-        {"thresholds.perception.parts_enabled": True, "static.switches.part_source": "attention"},
-    ),
-    ({"part_descriptors.attention.enabled": True}, {"static.switches.part_source": "both"}),
-    ({"part_descriptors.attention.head_ids": [0, 3]}, {"static.switches.attention_heads": [0, 3]}),
-    ({"part_descriptors.kmeans.merge.enabled": False}, {"static.switches.part_resembling": "keep"}),
-    (
-        {"part_descriptors.kmeans.merge.mode": "weighted_mean"},
-        {"static.switches.part_resembling": "join"},
-    ),
+    ({"memory.appearance.enabled": False}, {TRIMMED: False, GLOBAL: False}),
+    ({"part_descriptors.enabled": False}, {PARTS: False}),
+    (NO_KMEANS, {PARTS: False}),
+    ({**NO_KMEANS, **ATTENTION}, {PARTS: True, f"{SWITCH}part_source": "attention"}),
+    (ATTENTION, {f"{SWITCH}part_source": "both"}),
+    ({"part_descriptors.attention.head_ids": [0, 3]}, {f"{SWITCH}attention_heads": [0, 3]}),
+    ({"part_descriptors.kmeans.merge.enabled": False}, {f"{SWITCH}part_resembling": "keep"}),
+    ({"part_descriptors.kmeans.merge.mode": "weighted_mean"}, {f"{SWITCH}part_resembling": "join"}),
     (
         {"memory.parts.channels.attention.enabled": False},
-        {
-            "thresholds.perception.attention_parts_kept": False,
-            "thresholds.perception.kmeans_parts_kept": True,
-        },
+        {f"{PERCEPTION}attention_parts_kept": False, KMEANS_KEPT: True},
     ),
-    (
-        {"memory.parts.channels.kmeans.enabled": False},
-        {"thresholds.perception.kmeans_parts_kept": False},
-    ),
-    (
-        {"object_features.global_trimmed.enabled": False},
-        {"thresholds.perception.trimmed_enabled": False},
-    ),
-    ({"memory.parts.enabled": False}, {"thresholds.perception.kmeans_parts_kept": False}),
+    ({"memory.parts.channels.kmeans.enabled": False}, {KMEANS_KEPT: False}),
+    ({"object_features.global_trimmed.enabled": False}, {TRIMMED: False}),
+    ({"memory.parts.enabled": False}, {KMEANS_KEPT: False}),
     ({"bg_local.sanitize.enabled": False}, {"input.sanitize": "none"}),
     ({"bg_local.sanitize.mode": "morphology"}, {"input.sanitize": "morphology"}),
-    (
-        {"association.similarity.background_partials.enabled": True},
-        {"static.switches.ring_prototypes": True},
-    ),
-    (
-        {
-            "association.similarity.background_partials.enabled": True,
-            "bg_local.prototypes.enabled": False,
-        },
-        {"static.switches.ring_prototypes": False},
-    ),
-    (
-        {"association.scores.neighbor_sets.context.k": 3},
-        {"static.switches.context_hypotheses": 3, "static.switches.expected_neighbours": 6},
-    ),
-    (  # as the original reads them: at least one
-        {"association.scores.neighbor_sets.context.k": 0},
-        {"static.switches.context_hypotheses": 1, "static.switches.expected_neighbours": 2},
-    ),
-    (
-        {
-            "association.matching.neighbor_sets_context_veto.local.expected_topk_scale": 1.1,
-            "association.scores.neighbor_sets.context.k": 4,
-        },
-        {"static.switches.context_hypotheses": 4, "static.switches.expected_neighbours": 5},
-    ),
-    (  # less than one is one
-        {"association.matching.neighbor_sets_context_veto.local.expected_topk_scale": 0.5},
-        {"static.switches.context_hypotheses": 6, "static.switches.expected_neighbours": 6},
-    ),
+    (PARTIALS, {f"{SWITCH}ring_prototypes": True}),
+    ({**PARTIALS, "bg_local.prototypes.enabled": False}, {f"{SWITCH}ring_prototypes": False}),
+    ({HYPOTHESES: 3}, lengths(3, 6)),
+    ({HYPOTHESES: 0}, lengths(1, 2)),  # as the original reads them: at least one
+    ({SCALE: 1.1, HYPOTHESES: 4}, lengths(4, 5)),
+    ({SCALE: 0.5}, lengths(6, 6)),  # less than one is one
     ({"memory.background.enabled": False}, {"thresholds.background.enabled": False}),
     ({"update.background_memory.enabled": False}, {"thresholds.background.enabled": False}),
 ]

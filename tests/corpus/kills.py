@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import collections
-import csv
 import dataclasses
 import json
 import os
@@ -22,7 +21,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 from safetensors.numpy import load_file
 
@@ -44,7 +42,7 @@ class Kind:
 
     words: tuple[str, ...]  # before the folder
     out_flag: str
-    progress: str  # below the folder: the file whose lines, or the pattern whose files, are counted
+    progress: str  # below the folder: the file whose lines are counted
     compare: Callable[[Path, Path], list[str]]  # what differs
     again: tuple[str, ...] = ()  # words that go on
 
@@ -91,43 +89,6 @@ def compare_sweeps(one: Path, other: Path) -> list[str]:
     return differing + ["rows.jsonl"] * (rows[0] != rows[1]) + ["names"] * (names[0] != names[1])
 
 
-def compare_benchmarks(one: Path, other: Path) -> list[str]:
-    """What differs between two folders of a benchmark, beside times and memory."""
-    differing = _differing(("tables/masks_scenes.csv",), one, other)
-    tables = [_scores_of(folder / "tables" / "masks.csv") for folder in (one, other)]
-    names = [_names_below(folder) for folder in (one, other)]
-    differing += ["masks.csv"] * (tables[0] != tables[1]) + ["names"] * (names[0] != names[1])
-    for path in sorted((one / "masks").rglob("*.json*")):
-        texts = [(folder / path.relative_to(one)).read_text() for folder in (one, other)]
-        if path.name == "record.json":
-            same = [_without_costs(json.loads(text)) for text in texts]
-        elif path.name == "detections.jsonl":
-            same = [text.splitlines()[1:] for text in texts]
-        else:
-            same = [_run_json((folder / path.relative_to(one)).parent) for folder in (one, other)]
-        if same[0] != same[1]:
-            differing.append(str(path.relative_to(one)))
-    return differing
-
-
-def _names_below(folder: Path) -> list[str]:
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
-
-
-def _scores_of(table: Path) -> list[dict[str, str]]:
-    """Rows of a table of scores without what they cost."""
-    with table.open(newline="") as file:
-        return [
-            {name: cell for name, cell in row.items() if "ms" not in name and "MiB" not in name}
-            for row in csv.DictReader(file)
-        ]
-
-
-def _without_costs(record: dict[str, Any]) -> dict[str, Any]:
-    costs = {"times_ms", "peak_rss_mib", "device_mib"}
-    return {name: value for name, value in record.items() if name not in costs}
-
-
 def _run_kind(*words: str) -> Kind:
     return Kind(("run", "SCENE", *words), "--out", "detections.jsonl", compare_runs, ("--resume",))
 
@@ -140,29 +101,12 @@ KINDS: dict[str, Kind] = {
     "run of the bank": _run_kind("--tracker", "bank"),
     "sweep": Kind(
         (
-            "sweep",
-            "SCENE",
-            "--set",
-            "decision.new=0.5:2.5:0.25",
-            "--batch",
-            "1",
-            "--max-frames",
-            "8",
+            *("sweep", "SCENE", "--set", "decision.new=0.5:2.5:0.25"),
+            *("--batch", "1", "--max-frames", "8"),
         ),
         "--out",
         "rows.jsonl",
         compare_sweeps,
-    ),
-    # A kill counts against a run of a benchmark, and two make it a failure until somebody asks.
-    "benchmark": Kind(
-        (
-            *("benchmark", "SCENE", "--methods", "bank", "iou", "running-mean"),
-            *("--max-frames", "24"),
-        ),
-        "--out",
-        "masks/*/*/run.json",
-        compare_benchmarks,
-        ("--retry-failed",),
     ),
 }
 
@@ -283,8 +227,6 @@ def _wait(
 
 def _count(out: Path, kind: Kind) -> int:
     """Frames or settings that are there."""
-    if "*" in kind.progress:
-        return sum(1 for _ in out.glob(kind.progress))
     try:
         return (out / kind.progress).read_bytes().count(b"\n")
     except OSError:

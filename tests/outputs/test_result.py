@@ -160,26 +160,16 @@ def test_dataframe_has_a_row_per_detection():
     assert (frame.outcome == "ambiguous").sum() == 3
 
 
-def test_supervision_gets_identities_and_masks():
+def test_supervision_gets_a_frame_with_the_classes_of_the_run():
     pytest.importorskip("supervision")
     _, result = make_run()
-    t = 26  # object 1 is ambiguous
-    detections = result.to_supervision(t)
-    tracks = result.tracks[t]
+    tracks, detections = result.tracks[26], result.to_supervision(26)
     np.testing.assert_array_equal(detections.tracker_id, tracks.object_id)
-    np.testing.assert_array_equal(detections.xyxy, tracks.boxes)
-    np.testing.assert_array_equal(detections.mask, tracks.masks)
-    assert detections.tracker_id is not None
-    assert detections.tracker_id[1] == -1
-    assert detections.data["outcome"][1] == "ambiguous"
     assert detections.class_id is not None
     assert [result.class_names[i] for i in detections.class_id] == list(tracks.labels)
-
-
-def test_supervision_takes_an_empty_frame():
-    pytest.importorskip("supervision")
-    result = Result((make_tracks(0, np.zeros((0, 8, 8), bool), []),), make_info())
-    assert len(result.to_supervision(0)) == 0
+    with pytest.raises(OutputError, match="frame 40 was asked for, but the run has 40 frames"):
+        result.to_supervision(40)
+    assert len(make_tracks(0, np.zeros((0, 8, 8), bool), []).to_supervision()) == 0
 
 
 @pytest.mark.parametrize(
@@ -194,13 +184,6 @@ def test_missing_library_is_named(monkeypatch, module, call, advice):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(OutputError, match=advice):
         call(result)
-
-
-def test_supervision_refuses_a_frame_beyond_the_run():
-    pytest.importorskip("supervision")
-    _, result = make_run(num_frames=2)
-    with pytest.raises(OutputError, match="frame 2 was asked for, but the run has 2 frames"):
-        result.to_supervision(2)
 
 
 def test_outcomes_without_identity_are_no_presence():

@@ -5,10 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from remind_jax.decision import Outcome
 from remind_jax.outputs.presence import join_positions
 from remind_jax.outputs.report import (
-    build_timeline,
+    by_first_sight,
     frame_steps,
+    spans_with,
     time_steps,
 )
 from tests.outputs.fake_run import make_run
@@ -22,21 +24,21 @@ def choose_step(length: float, steps) -> float:
 def test_rows_follow_first_sight():
     _, result = make_run(30)
     late_first = dataclasses.replace(result, tracks=result.tracks[10:])  # 1, 3, 5 come back at 20
-    assert [row.object_id for row in build_timeline(late_first).rows] == [0, 2, 4, 3, 5, 1]
+    assert [row.object_id for row in by_first_sight(late_first)] == [0, 2, 4, 3, 5, 1]
 
 
 def test_runs_absences_and_doubt():
     _, result = make_run(30)
-    timeline = build_timeline(result)
-    row = timeline.rows[1]
+    rows = by_first_sight(result)
+    row = rows[1]
     assert row.seen == ((0, 9), (23, 29))
     assert row.absences == ((10, 22),)
     assert row.returns == (23,)
     assert row.candidate == ((20, 22),)
-    assert timeline.rows[0].candidate == ((20, 22),)
-    assert timeline.rows[4].absences == ()  # one frame is flicker
-    assert timeline.ambiguous == ((20, 22),)
-    assert timeline.provisional == ((20, 20),)
+    assert rows[0].candidate == ((20, 22),)
+    assert rows[4].absences == ()  # one frame is flicker
+    assert spans_with(result, Outcome.AMBIGUOUS) == ((20, 22),)
+    assert spans_with(result, Outcome.PROVISIONAL_NEW) == ((20, 20),)
 
 
 @given(st.integers(0, 1_000_000))

@@ -84,16 +84,6 @@ def test_an_undecided_detection_names_what_it_may_be(identification, monkeypatch
     assert len(answer.detections.detections[1].results) == 1
 
 
-def test_memory_goes_on_from_a_file(identification, tmp_path):
-    first = [show(identification, index) for index in range(12)][-1]
-    assert "2 objects were written" in identification.save(tmp_path / "memory")
-    assert identification.reset() == "2 objects were forgotten"
-    assert "2 objects were read" in identification.load(tmp_path / "memory")
-    again = show(identification, 12)
-    ids = [[one.id for one in answer.detections.detections] for answer in (first, again)]
-    assert ids[0] == ids[1]
-
-
 def test_objects_can_be_renamed(identification):
     known = show(identification, 0).detections.detections[0].id
     identification.rename(known, "my mug")

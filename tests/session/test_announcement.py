@@ -167,15 +167,6 @@ RUNS = st.lists(st.lists(st.integers(0, 12), unique=True, max_size=6), min_size=
 AFTERS = st.integers(1, 5)
 
 
-@given(RUNS)
-def test_without_waiting_nothing_changes(run):
-    for index, rows in enumerate(run):
-        tracks = frame_of(*rows, index=index)
-        announced = announce(Announcements(), tracks, 1)
-        assert announced.is_identity
-        assert as_announced(announced, tracks) is tracks
-
-
 @given(RUNS, AFTERS)
 def test_ids_are_dense_and_stay(run, after):
     frames = [frame_of(*rows, index=index) for index, rows in enumerate(run)]

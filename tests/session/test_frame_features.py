@@ -63,6 +63,10 @@ def frames(num: int):
         yield image, masks
 
 
+def frame_of(image: np.ndarray | None, masks: np.ndarray, **more) -> Frame:
+    return Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["a"] * len(masks)), **more)
+
+
 @pytest.mark.parametrize(
     "name", [pytest.param(m, marks=[pytest.mark.heavy] if m == "plus" else []) for m in METHODS]
 )
@@ -84,8 +88,7 @@ def test_plus_asks_for_objects_and_what_is_around_them():
     mask = np.zeros((1, HEIGHT, WIDTH), bool)
     mask[0, 40, 63:65] = True  # one pixel of each of two patches
     image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-    frame = Frame(0, 0, 0.0, "one", image, Detections.create(mask, ["box"]))
-    tracker.describe(tracker.prepare(frame))
+    tracker.describe(tracker.prepare(frame_of(image, mask)))
     expected = np.zeros((1, HEIGHT // PATCH_PX, WIDTH // PATCH_PX), bool)
     expected[0, 3:8, 5:11] = True
     np.testing.assert_array_equal(recorder.wanted[0], expected)
@@ -97,9 +100,7 @@ def test_a_method_that_reads_all_gets_all():
     method = dataclasses.replace(
         tracker.method, needs=dataclasses.replace(tracker.method.needs, patch_reach=None)
     )
-    prepared = tracker.prepare(
-        Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["box"] * 3))
-    )
+    prepared = tracker.prepare(frame_of(image, masks))
     seen = FrameFeatures(method, recorder.in_part).describe(prepared, tracker.static)
     assert recorder.wanted == [None]
     np.testing.assert_array_equal(seen.patches, describe(image[None])[0])
@@ -132,16 +133,11 @@ def test_what_a_method_asks_for_in_closeups_is_all_that_it_reads(name):
 def test_any_number_of_closeups_is_described_in_batches_of_one_size(num):
     recorder, rng = Recorder(), np.random.default_rng(num)
     tracker = closeup_tracker(backbone=recorder.whole)
-    image, masks = (
-        rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8),
-        np.zeros((num, 96, 128), bool),
-    )
+    image = rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    masks = np.zeros((num, HEIGHT, WIDTH), bool)
     for row in range(num):
         masks[row, 8 * row : 8 * row + 7, 20:40] = True
-    prepared = tracker.prepare(
-        Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["a"] * num))
-    )
-    seen = tracker.describe(prepared)
+    seen = tracker.describe(tracker.prepare(frame_of(image, masks)))
     assert isinstance(seen, CloseupFeats)
     expected = describe(cut_closeups(image, masks, PATCH_PX).images)
     np.testing.assert_array_equal(seen.patches, expected)
@@ -150,9 +146,7 @@ def test_any_number_of_closeups_is_described_in_batches_of_one_size(num):
 
 def test_closeups_are_of_masks_after_erosion():
     image, masks = next(frames(1))
-    prepared = closeup_tracker(erosion_px=2).prepare(
-        Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["a"] * 3))
-    )
+    prepared = closeup_tracker(erosion_px=2).prepare(frame_of(image, masks))
     eroded = erode_masks(masks, 2, margin_px=0)
     assert prepared.closeups is not None
     expected = cut_closeups(image, eroded, PATCH_PX).coverage
@@ -160,8 +154,7 @@ def test_closeups_are_of_masks_after_erosion():
 
 
 def test_plus_takes_closeups_of_itself_where_features_are_local():
-    image, masks = next(frames(1))
-    frame = Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["a"] * 3))
+    frame = frame_of(*next(frames(1)))
     local = dataclasses.replace(Recorder().whole, is_local=True)
     far = Recorder().whole
 
@@ -182,13 +175,10 @@ def test_plus_takes_closeups_of_itself_where_features_are_local():
 
 def test_frames_that_bring_features_are_not_looked_at_again():
     _, masks = next(frames(1))
-    features = np.random.default_rng(0).random(
-        (HEIGHT // PATCH_PX, WIDTH // PATCH_PX, 9), np.float32
-    )
-    found = Detections.create(masks, ["a"] * 3)
-    frame = Frame(0, 0, 0.0, "one", None, found, features=features)
+    features = np.ones((HEIGHT // PATCH_PX, WIDTH // PATCH_PX, 9), np.float32)
     tracker = closeup_tracker()
-    assert isinstance(tracker.describe(tracker.prepare(frame)), FrameFeats)
+    prepared = tracker.prepare(frame_of(None, masks, features=features))
+    assert isinstance(tracker.describe(prepared), FrameFeats)
 
 
 @pytest.mark.heavy

@@ -111,14 +111,21 @@ def test_a_camera_that_stays_away_leaves_a_whole_folder(tmp_path, monkeypatch):
     assert (tmp_path / "out" / "memory.safetensors").is_file()
 
 
-def test_a_recorded_run_is_repeated_with_equal_identities(tmp_path):
-    with Camera(fps=30) as camera:
-        result = run(camera, sampling={"max_frames": 8}, record=tmp_path / "seen")
+def test_a_recorded_run_is_repeated_with_equal_identities_and_drawn_again(tmp_path):
+    out = tmp_path / "out"
+    with Camera(fps=60) as camera:
+        result = run(camera, sampling={"max_frames": 8}, out=out, record=tmp_path / "seen")
+    assert result.tracks[-1].source_index > 7  # frames were passed over
     again = rj.run(tmp_path / "seen", detector=cameras.detect, delay=0, **OPTIONS)
     rows = tmp_path / "seen" / "detections.jsonl"
     by_masks = rj.run(tmp_path / "seen", masks=rows, delay=0, **OPTIONS)
     assert is_same(result, again)
     assert is_same(result, by_masks)
+    (out / "report.html").unlink()
+    drawn = render_again(out, rj.open_source(tmp_path / "seen"))
+    assert is_same(result, drawn)
+    assert (out / "report.html").is_file()
+    assert (out / "overlay.mp4").is_file()
 
 
 def test_ctrl_c_ends_a_live_run_well(tmp_path):
@@ -140,19 +147,6 @@ def test_ctrl_c_ends_a_live_run_well(tmp_path):
 def test_a_live_run_is_not_gone_on_with(tmp_path):
     with Camera() as camera, pytest.raises(OutputError, match="is live and cannot be gone back in"):
         run(camera, out=tmp_path / "out", resume=True)
-
-
-def test_what_was_recorded_is_drawn_again(tmp_path):
-    with Camera(fps=60) as camera:
-        result = run(
-            camera, sampling={"max_frames": 4}, out=tmp_path / "out", record=tmp_path / "r"
-        )
-    assert result.tracks[-1].source_index > 3  # frames were passed over
-    (tmp_path / "out" / "report.html").unlink()
-    again = render_again(tmp_path / "out", rj.open_source(tmp_path / "r"))
-    assert is_same(result, again)
-    assert (tmp_path / "out" / "report.html").is_file()
-    assert (tmp_path / "out" / "overlay.mp4").is_file()
 
 
 def test_a_record_cannot_begin_in_the_middle(tmp_path):

@@ -55,14 +55,15 @@ def test_without_classes_all_detections_are_of_one():
     assert blind.detections.labels == ("cup", "mug")
 
 
+def twice(*labels: str) -> Frame:
+    """Two detections of one thing, the second one the better."""
+    masks = np.zeros((2, SIDE, SIDE), bool)
+    masks[:, 8:40, :16] = True
+    return frame_of(*labels, detections=Detections.create(masks, labels, [0.4, 0.9]))
+
+
 def test_second_detections_of_one_thing_are_no_detections_unless_kept():
-    frame = frame_of("cup", "cup")
-    assert frame.detections is not None
-    masks = np.array(frame.detections.masks)
-    masks[1] = masks[0]
-    doubled = dataclasses.replace(
-        frame, detections=Detections.create(masks, ["cup", "cup"], [0.4, 0.9])
-    )
+    doubled = twice("cup", "cup")
     prepared = preparer().prepare(doubled, CONFIG)
     assert prepared.is_double.tolist() == [True, False]
     assert prepared.masks.valid.tolist() == [False, True]
@@ -71,13 +72,7 @@ def test_second_detections_of_one_thing_are_no_detections_unless_kept():
 
 
 def test_without_classes_second_detections_may_have_any_name():
-    frame = frame_of("cup", "mug")
-    assert frame.detections is not None
-    masks = np.array(frame.detections.masks)
-    masks[1] = masks[0]
-    doubled = dataclasses.replace(
-        frame, detections=Detections.create(masks, ["cup", "mug"], [0.4, 0.9])
-    )
+    doubled = twice("cup", "mug")
     blind = CONFIG.updated({"input.class_agnostic": True})
     assert preparer().prepare(doubled, CONFIG).is_double.tolist() == [False, False]
     assert preparer().prepare(doubled, blind).is_double.tolist() == [True, False]

@@ -6,6 +6,7 @@ import dataclasses
 import shutil
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -23,7 +24,7 @@ PICTURES = [scenes.picture(index, (1, 2, 3) if index % 3 else (1, 3)) for index 
 
 
 def track(out: Path, pictures=PICTURES, **options) -> rj.Result:
-    return rj.run(pictures, tracker="bank", out=out, **{"progress": False, **options})
+    return rj.run(pictures, out=out, **{"tracker": "bank", "progress": False, **options})
 
 
 @pytest.fixture(autouse=True)
@@ -78,35 +79,13 @@ def test_a_killed_run_ends_as_if_nothing_had_happened(tmp_path, whole, num):
 )
 def test_what_waits_and_traces_survive(tmp_path, options):
     given = {"overlay": False, **options}
-    tracker = given.pop("tracker", "bank")
-
-    def go(out: Path, **more) -> None:
-        break_off_with = more.pop("num", None)
-        if break_off_with is None:
-            rj.run(PICTURES, tracker=tracker, out=out, **{"progress": False, **given, **more})
-            return
-        break_off(out, break_off_with, **given)
-
-    go(tmp_path / "whole")
-    if tracker == "bank":
-        go(tmp_path / "run", num=5)
-    else:
-
-        def stop(step: Progress) -> None:
-            if step.num_done == 5:
-                raise KeyboardInterrupt
-
-        go(tmp_path / "run", progress=stop)
-    go(tmp_path / "run", resume=True)
+    track(tmp_path / "whole", **given)
+    break_off(tmp_path / "run", 5, **given)
+    track(tmp_path / "run", resume=True, **given)
     assert compare_runs(tmp_path / "whole", tmp_path / "run") == []
     if "trace" in given:
-        with (
-            np.load(tmp_path / "whole" / "trace.npz") as one,
-            np.load(tmp_path / "run" / "trace.npz") as other,
-        ):
-            assert one.files == other.files
-            for name in one.files:
-                np.testing.assert_array_equal(one[name], other[name])
+        one, other = (dict(np.load(tmp_path / name / "trace.npz")) for name in ("whole", "run"))
+        jax.tree.map(np.testing.assert_array_equal, one, other)
 
 
 def test_what_the_checkpoint_has_not_seen_is_left_out(tmp_path, whole):
@@ -151,7 +130,7 @@ OTHER_SIZE = [(image[:-16], labels[:-16]) for image, labels in PICTURES]
     [
         (OTHER_SIZE, {}, "is not what the run was begun with"),
         (PICTURES[:2], {}, "num_frames 8, not 2"),
-        (PICTURES, {"config": {"match": 0.6}}, "config.thresholds.match 0"),
+        (PICTURES, {"config": {"tracker": "bank", "match": 0.6}}, "config.thresholds.match 0"),
         (PICTURES, {"announce_after": 2}, "announce_after 1, not 2"),
         (PICTURES, {"tracker": "iou"}, "config.tracker 'bank', not 'iou'"),
         (PICTURES, {"name": "other"}, "name 'frames', not 'other'"),
@@ -160,20 +139,8 @@ OTHER_SIZE = [(image[:-16], labels[:-16]) for image, labels in PICTURES]
 def test_anything_else_is_refused_and_nothing_is_lost(tmp_path, whole, pictures, options, said):
     break_off(tmp_path / "run", 4)
     record = (tmp_path / "run" / "detections.jsonl").read_bytes()
-    tracker = options.pop("tracker", "bank")
-    config = options.pop("config", "default")
-    if isinstance(config, dict):
-        config = {"tracker": tracker, "thresholds": config}
     with pytest.raises(RemindError, match=said):
-        rj.run(
-            pictures,
-            config=config,
-            tracker=None if isinstance(config, dict) else tracker,
-            out=tmp_path / "run",
-            resume=True,
-            progress=False,
-            **options,
-        )
+        track(tmp_path / "run", pictures, resume=True, **options)
     assert (tmp_path / "run" / "detections.jsonl").read_bytes() == record
     track(tmp_path / "run", resume=True)
     assert compare_runs(whole, tmp_path / "run") == []

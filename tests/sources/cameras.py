@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import socketserver
 import threading
 import time
 from collections.abc import Callable
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from http.server import BaseHTTPRequestHandler
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -65,7 +66,55 @@ def detect(image: np.ndarray) -> dict[str, Any]:
     }
 
 
-class Camera(contextlib.AbstractContextManager):
+class Switched(contextlib.AbstractContextManager):
+    """A server on the loopback interface that is switched off and on, at the same port."""
+
+    def __init__(self) -> None:
+        self.port = 0
+        self._over = threading.Event()
+        self._server: socketserver.BaseServer | None = None
+
+    @property
+    def is_on(self) -> bool:
+        """Off, connections are dropped, and refused from then on."""
+        return self._server is not None
+
+    def __exit__(self, *raised: object) -> None:
+        self.switch_off()
+
+    def __enter__(self) -> Self:
+        self.switch_on()
+        return self
+
+    def handler(self) -> type[socketserver.BaseRequestHandler]:
+        """What answers a connection."""
+        raise NotImplementedError
+
+    def switch_on(self) -> None:
+        """Listens."""
+        self._over.clear()
+
+        class Server(socketserver.ThreadingTCPServer):
+            daemon_threads = allow_reuse_address = True
+
+            def handle_error(self, request: Any, client_address: Any) -> None:
+                pass  # clients go away
+
+        self._server = server = Server(("127.0.0.1", self.port), self.handler())
+        self.port = server.server_address[1]
+        serve = server.serve_forever
+        threading.Thread(target=serve, kwargs={"poll_interval": 0.02}, daemon=True).start()
+
+    def switch_off(self) -> None:
+        """Drops all connections and listens no more."""
+        self._over.set()
+        if self._server is not None:
+            self._server.shutdown()
+            self._server.server_close()
+            self._server = None
+
+
+class Camera(Switched):
     """A camera that sends pictures at a rate to whoever asks, until it is switched off.
 
     Attributes:
@@ -82,32 +131,16 @@ class Camera(contextlib.AbstractContextManager):
         most: int | None = None,
         password: str | None = None,
     ) -> None:
+        super().__init__()
         self.fps, self.num_sent, self.is_stalled = fps, 0, False
         self.asked: list[tuple[str, dict[str, str]]] = []
         self._make, self._most, self._password = make, most, password
-        self._over = threading.Event()
-        self._server: ThreadingHTTPServer | None = None
-        self.port = 0
-
-    @property
-    def is_on(self) -> bool:
-        """Off, connections are dropped, and refused from then on."""
-        return self._server is not None
 
     @property
     def url(self) -> str:
         return f"http://127.0.0.1:{self.port}/stream.mjpg"
 
-    def __enter__(self) -> Camera:
-        self.switch_on()
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        self.switch_off()
-
-    def switch_on(self) -> None:
-        """Listens, at the same port as before."""
-        self._over.clear()
+    def handler(self) -> type[BaseHTTPRequestHandler]:
         camera = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -117,25 +150,7 @@ class Camera(contextlib.AbstractContextManager):
             def log_message(self, format: str, *args: Any) -> None:
                 pass
 
-        class Server(ThreadingHTTPServer):
-            daemon_threads = True
-            allow_reuse_address = True
-
-            def handle_error(self, request: Any, client_address: Any) -> None:
-                pass  # clients go away
-
-        self._server = Server(("127.0.0.1", self.port), Handler)
-        self.port = self._server.server_address[1]
-        serve = self._server.serve_forever
-        threading.Thread(target=serve, kwargs={"poll_interval": 0.02}, daemon=True).start()
-
-    def switch_off(self) -> None:
-        """Drops all connections and listens no more."""
-        self._over.set()
-        if self._server is not None:
-            self._server.shutdown()
-            self._server.server_close()
-            self._server = None
+        return Handler
 
     def _serve(self, handler: BaseHTTPRequestHandler) -> None:
         self.asked.append((handler.path, dict(handler.headers)))

@@ -9,13 +9,12 @@ import contextlib
 import io
 import socketserver
 import struct
-import threading
 import time
 from typing import Any
 
 import av
 
-from tests.sources.cameras import shown_at
+from tests.sources.cameras import Switched, shown_at
 
 _PACKET = 7 * 188  # bytes of MPEG-TS in one packet of RTP
 _SDP = (
@@ -42,45 +41,26 @@ class _Pipe(io.RawIOBase):
         return taken
 
 
-class RtspCamera(contextlib.AbstractContextManager):
-    """A camera that plays to whoever asks; `switch_off` drops all and listens no more."""
+class RtspCamera(Switched):
+    """A camera that plays to whoever asks."""
 
     def __init__(self, fps: int = 20) -> None:
-        self.fps, self.port, self.num_sent = fps, 0, 0
-        self._over = threading.Event()
+        super().__init__()
+        self.fps, self.num_sent = fps, 0
 
     @property
     def url(self) -> str:
         return f"rtsp://127.0.0.1:{self.port}/main"
 
-    def __enter__(self) -> RtspCamera:
-        self.switch_on()
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        self.switch_off()
-
-    def switch_on(self) -> None:
+    def handler(self) -> type[socketserver.StreamRequestHandler]:
         camera = self
-        self._over.clear()
 
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
                 with contextlib.suppress(OSError):
                     camera._talk(self)
 
-        class Server(socketserver.ThreadingTCPServer):
-            daemon_threads = allow_reuse_address = True
-
-        self._server = Server(("127.0.0.1", self.port), Handler)
-        self.port = self._server.server_address[1]
-        serve = self._server.serve_forever
-        threading.Thread(target=serve, kwargs={"poll_interval": 0.02}, daemon=True).start()
-
-    def switch_off(self) -> None:
-        self._over.set()
-        self._server.shutdown()
-        self._server.server_close()
+        return Handler
 
     def _talk(self, handler: socketserver.StreamRequestHandler) -> None:
         """Answers until it is asked to play."""

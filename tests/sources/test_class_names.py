@@ -5,12 +5,9 @@ import pytest
 from remind_jax.errors import SourceError
 from remind_jax.sources.class_names import (
     Metadata,
-    find_metadata,
     parse_metadata,
     strip_number,
 )
-from remind_jax.sources.file_tree import FileTree
-from remind_jax.sources.source import UnreadableFrame
 
 
 def parse(content, sequence="room"):
@@ -83,13 +80,3 @@ def test_damaged_metadata_is_one_sentence():
     ):
         with pytest.raises(SourceError, match=r"'m\.json'"):
             parse_metadata(content, "m.json", "room")
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path):
-    class Locked(FileTree):
-        def read(self, path):
-            raise UnreadableFrame("cannot be read: Permission denied")
-
-    (tmp_path / "metadata.json").write_text("{}")
-    with pytest.raises(SourceError, match=r"metadata\.json.*Permission denied"):
-        find_metadata(Locked(tmp_path), ["metadata.json"], "room")
