@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -50,3 +51,32 @@ def open_browser(profile: Path) -> Iterator[Any]:
         yield browser
     finally:
         browser.quit()
+
+
+def wait_for(browser: Any, condition: str) -> None:
+    """Until an expression of the page is true."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    script = f"return Boolean({condition})"
+    WebDriverWait(browser, 30, 0.05).until(lambda b: b.execute_script(script))
+
+
+def find(browser: Any, selector: str) -> Any:
+    """The first element of the page that fits."""
+    return browser.find_element("css selector", selector)
+
+
+def said_by(browser: Any) -> list[str]:
+    """What pages complained of since this was asked last."""
+    return [entry["message"] for entry in browser.get_log("browser")]
+
+
+def asked_by(browser: Any) -> list[str]:
+    """The addresses that pages asked for since this was asked last."""
+    entries = browser.get_log("performance")
+    messages = [json.loads(entry["message"])["message"] for entry in entries]
+    return [
+        message["params"]["request"]["url"]
+        for message in messages
+        if message["method"] == "Network.requestWillBeSent"
+    ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from typing import Any, cast
 
 import pytest
@@ -11,7 +10,14 @@ import pytest
 from remind_jax.live_page.server import LivePage
 from remind_jax.live_page.view import LiveView
 from remind_jax.sources.live_source import LiveSource, SourceStatus
-from tests.headless_browser import needs_browser, open_browser
+from tests.headless_browser import (
+    asked_by,
+    find,
+    needs_browser,
+    open_browser,
+    said_by,
+    wait_for,
+)
 from tests.outputs.fake_run import make_run
 
 pytestmark = needs_browser
@@ -46,16 +52,13 @@ class Shown:
             self.view.show(frame, tracks, tracks)
 
     def text(self, selector: str) -> str:
-        return self.browser.find_element("css selector", selector).text
+        return find(self.browser, selector).text
 
     def texts(self, selector: str) -> list[str]:
         return [one.text for one in self.browser.find_elements("css selector", selector)]
 
     def wait_for(self, condition: str) -> None:
-        from selenium.webdriver.support.ui import WebDriverWait
-
-        script = f"return Boolean({condition})"
-        WebDriverWait(self.browser, 30, 0.05).until(lambda b: b.execute_script(script))
+        wait_for(self.browser, condition)
 
     def wait_for_frames(self, count: int) -> None:
         self.wait_for(f"document.getElementById('frames').textContent === '{count}'")
@@ -69,8 +72,8 @@ def browser(tmp_path_factory):
 
 @pytest.fixture
 def shown(browser):
-    for kind in ("browser", "performance"):
-        browser.get_log(kind)
+    said_by(browser)
+    asked_by(browser)
     source = Source()
     view = LiveView("kitchen <b>", cast(LiveSource, source))
     with LivePage(view, "127.0.0.1:0") as page:
@@ -164,15 +167,8 @@ def test_the_page_is_quiet_and_asks_its_own_server_only(shown):
     shown.show(*range(30))
     shown.wait_for_frames(30)
     shown.wait_for("document.querySelector('#remembered img').naturalWidth > 20")
-    assert [entry["message"] for entry in shown.browser.get_log("browser")] == []
-    messages = [
-        json.loads(entry["message"])["message"] for entry in shown.browser.get_log("performance")
-    ]
-    asked = {
-        message["params"]["request"]["url"].partition("?")[0]
-        for message in messages
-        if message["method"] == "Network.requestWillBeSent"
-    }
+    assert said_by(shown.browser) == []
+    asked = {url.partition("?")[0] for url in asked_by(shown.browser)}
     own = shown.browser.current_url
     assert {f"{own}{name}" for name in ("", "page.js", "page.css", "state.json", "frame.jpg")} <= (
         asked

@@ -13,9 +13,15 @@ from remind_jax.outputs.label_edits import (
     write_label_page,
 )
 from remind_jax.outputs.result import Result
-from tests.headless_browser import needs_browser, open_browser
+from tests.headless_browser import (
+    asked_by,
+    find,
+    needs_browser,
+    open_browser,
+    said_by,
+    wait_for,
+)
 from tests.outputs.fake_run import make_run, write_run
-from tests.outputs.test_report_in_browser import find, wait_for
 
 NUM_FRAMES = 60  # odd objects are away in frames 20 to 39
 SIZE = (240, 320)
@@ -66,20 +72,14 @@ def text_of(browser, selector: str) -> str:
 
 
 def test_the_page_is_quiet_and_asks_for_nothing(page):
-    for kind in ("browser", "performance"):
-        page.get_log(kind)
+    said_by(page)
+    asked_by(page)
     page.refresh()
     wait_for(page, "video.readyState >= 2")
     assert text_of(page, "#label-picked") == "No detection is picked."
     assert text_of(page, "#label-count") == "0 edits; identities: 6"
-    assert [entry["message"] for entry in page.get_log("browser")] == []
-    messages = [json.loads(entry["message"])["message"] for entry in page.get_log("performance")]
-    asked = [
-        message["params"]["request"]["url"]
-        for message in messages
-        if message["method"] == "Network.requestWillBeSent"
-    ]
-    assert all(url.startswith(("file://", "data:")) for url in asked)
+    assert said_by(page) == []
+    assert all(url.startswith(("file://", "data:")) for url in asked_by(page))
 
 
 def test_identities_are_merged_moved_and_undone_by_keyboard(page, folder, tmp_path):

@@ -5,14 +5,20 @@ from __future__ import annotations
 import base64
 import dataclasses
 import itertools
-import json
 
 import cv2
 import numpy as np
 import pytest
 
 from remind_jax.outputs import report
-from tests.headless_browser import needs_browser, open_browser
+from tests.headless_browser import (
+    asked_by,
+    find,
+    needs_browser,
+    open_browser,
+    said_by,
+    wait_for,
+)
 from tests.outputs.fake_run import make_run, write_run
 from tests.outputs.traced_run import UNDECIDED, make_plus_run, make_traced_run
 
@@ -41,16 +47,6 @@ def page(browser, folder):
     browser.get(f"file://{folder / report.REPORT_NAME}")
     wait_for(browser, "video.readyState >= 2")
     return browser
-
-
-def wait_for(browser, condition: str) -> None:
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    WebDriverWait(browser, 20, 0.05).until(lambda b: b.execute_script(f"return {condition}"))
-
-
-def find(browser, selector: str):
-    return browser.find_element("css selector", selector)
 
 
 def settled_position(browser) -> int:
@@ -202,13 +198,16 @@ def test_a_comparison_with_the_truth_is_shown(browser, tmp_path):
     assert find(browser, "#comparison tbody").text == "returns 16 17 back in view"
 
 
-def test_what_has_no_score_shows_none(page):
-    page.execute_script("seek(0)")
-    row = page.find_elements("css selector", "#seen tbody tr")[0]
-    assert row.text == "cup 0 new"
-    page.execute_script("seek(1)")
-    row = page.find_elements("css selector", "#seen tbody tr")[0]
-    assert row.text == "cup 0 match 0.90 0.80"
+def test_rows_show_scores_where_there_are_some_and_candidates(page):
+    for position, place, text in (
+        (0, 0, "cup 0 new"),
+        (1, 0, "cup 0 match 0.90 0.80"),
+        (41, 1, "cup 1 or 0? ambiguous"),
+    ):
+        page.execute_script(f"seek({position})")
+        row = page.find_elements("css selector", "#seen tbody tr")[place]
+        assert row.text.startswith(text)
+    assert "candidates 1: 0.82, 0: 0.79" in row.get_attribute("title")
     heads = [cell.text for cell in page.find_elements("css selector", "#seen th")]
     assert heads == ["Detection", "Outcome", "Score with context", "Confidence"]
 
@@ -229,13 +228,6 @@ def test_crops_and_absences_seek(page):
     assert absence.text == "20–39"
     page.execute_script("arguments[0].click()", absence)
     assert settled_position(page) == 40
-
-
-def test_undecided_detections_are_shown_with_their_candidates(page):
-    page.execute_script("seek(41)")
-    row = page.find_elements("css selector", "#seen tbody tr")[1]
-    assert row.text.startswith("cup 1 or 0? ambiguous")
-    assert "candidates 1: 0.82, 0: 0.79" in row.get_attribute("title")
 
 
 def test_the_table_sorts_by_any_column(page):
@@ -262,18 +254,12 @@ def test_the_table_sorts_by_any_column(page):
 
 
 def test_the_page_is_quiet_and_asks_for_nothing(browser, folder):
-    for kind in ("browser", "performance"):
-        browser.get_log(kind)
+    said_by(browser)
+    asked_by(browser)
     browser.get(f"file://{folder / report.REPORT_NAME}")
     wait_for(browser, "video.readyState >= 2")
-    assert [entry["message"] for entry in browser.get_log("browser")] == []
-    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    asked = [
-        message["params"]["request"]["url"]
-        for message in messages
-        if message["method"] == "Network.requestWillBeSent"
-    ]
-    assert all(url.startswith(("file://", "data:")) for url in asked)
+    assert said_by(browser) == []
+    assert all(url.startswith(("file://", "data:")) for url in asked_by(browser))
 
 
 def is_closed(browser) -> bool:
@@ -330,7 +316,7 @@ def shown_reasons(browser) -> list[str]:
 
 
 def test_a_click_on_a_detection_explains_it(traced_page, traced):
-    traced_page.get_log("browser")  # what earlier pages said
+    said_by(traced_page)  # what earlier pages said
     open_row(traced_page, UNDECIDED, 0)
     explanation = traced[1].explain(UNDECIDED, 0)
     assert find(traced_page, "#why-title").text == (
@@ -346,14 +332,14 @@ def test_a_click_on_a_detection_explains_it(traced_page, traced):
     assert traced_page.execute_script("return document.activeElement.id") == "why"
     find(traced_page, "#why-close").click()
     assert is_closed(traced_page)
-    assert [entry["message"] for entry in traced_page.get_log("browser")] == []
+    assert said_by(traced_page) == []
 
 
 def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
     result = make_plus_run()
     report.write_report(tmp_path, result, [], None)
     browser.get(f"file://{tmp_path / report.REPORT_NAME}")
-    browser.get_log("browser")
+    said_by(browser)
     open_row(browser, 3, 0)
     assert find(browser, "#why-title").text == "Why mug 0? (frame 3, detection 0)"
     assert shown_reasons(browser) == list(result.explain(3, 0).why)
@@ -372,7 +358,7 @@ def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
     wait_for(browser, "document.getElementById('why-title').textContent.includes('frame 4,')")
     assert shown_reasons(browser) == list(result.explain(4, 0).why)
     assert browser.find_elements("css selector", "#why table") == []
-    assert [entry["message"] for entry in browser.get_log("browser")] == []
+    assert said_by(browser) == []
 
 
 def test_a_return_leads_to_the_frame_that_decided_it(browser, tmp_path):

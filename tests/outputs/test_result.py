@@ -23,11 +23,6 @@ def run_of_presence(*presence: str) -> Result:
     return Result(tuple(tracks), make_info(size=(8, 8)))
 
 
-def test_info_survives_json():
-    info = make_info()
-    assert RunInfo.from_json(json.loads(json.dumps(info.to_json()))) == info
-
-
 def test_info_names_what_is_wrong():
     wrong = {
         "frame_size": [[48], [48, 0]],

@@ -99,12 +99,6 @@ def test_overwriting_removes_only_what_a_run_writes(tmp_path, made):
     assert not (tmp_path / "overlay.mp4").exists()
 
 
-def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
-    (tmp_path / "out").write_text("")
-    with pytest.raises(OutputError, match=r"cannot make the output folder '.*out'"):
-        RunWriter(tmp_path / "out", make_info())
-
-
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_without_permission_is_named(tmp_path):
     (tmp_path / "out").mkdir(mode=0o500)

@@ -76,16 +76,6 @@ def test_an_object_has_an_id_from_the_nth_detection_on():
     assert announced.counts == {4: 1}
 
 
-def test_in_the_end_it_has_it_from_the_first_sight_on():
-    first = {"object_id": 7, "outcome": Outcome.NEW, "reason": Reason.CREATED_NEW}
-    frames = [frame_of(first), frame_of(7)]
-    _, announced = follow(frames, 2)
-    final = as_announced(announced, frames[0])
-    assert final.object_id.tolist() == [0]
-    assert final.outcome.tolist() == [Outcome.NEW]
-    assert final.reason.tolist() == [Reason.CREATED_NEW]
-
-
 def test_a_frame_counts_once():
     answers, _ = follow([frame_of(3, 3), frame_of(3)], 2)
     assert ids(answers) == [[NO_ID, NO_ID], [0]]
@@ -267,8 +257,6 @@ def test_live_objects_are_provisional_until_they_are_announced():
     assert ids(answers)[2:4] == [[0, 1], [0, 1, NO_ID]]
     assert ids(answers)[4:] == [[0, 1, NO_ID]] * 2 + [[0, 1, 2]] * 2
     assert tracker.announce_after == AFTER
-    tracker.reset()
-    assert ids([tracker.update(*PICTURES[0])]) == [[NO_ID, NO_ID]]
 
 
 def test_masks_are_announced_at_once_and_detections_of_a_detector_are_not():

@@ -66,13 +66,6 @@ def test_objects_are_listed(tracker):
         assert all(jpeg.startswith(b"\xff\xd8\xff") for jpeg in one.pictures)
 
 
-def test_a_loaded_memory_begins_a_session_with_its_next_frame(tracker):
-    assert tracker.objects()[0].last == Sight(1, FRAMES - 1)
-    look(tracker)
-    assert tracker.objects()[0].last == Sight(2, FRAMES)
-    assert tracker.objects()[0].num_frames == FRAMES + 1
-
-
 def test_names_are_shown_and_kept(tracker, tmp_path):
     tracker.rename(1, " my mug ")
     assert look(tracker).display_name(1) == "my mug"
@@ -162,16 +155,6 @@ def test_merged_objects_have_one_id_until_they_are_split(tracker):
 def test_merges_that_are_none(tracker, ids):
     with pytest.raises(SourceError, match="cannot be merged"):
         tracker.merge(*ids)
-
-
-def test_merges_are_kept_in_files(tracker, tmp_path):
-    tracker.merge(1, 0, 2)
-    tracker.save(tmp_path / "merged")
-    other = Tracker()
-    other.load(tmp_path / "merged")
-    assert [(one.object_id, one.merged) for one in other.objects()] == [(1, (0, 2))]
-    assert other.split(1) == (0, 2)
-    assert [one.num_frames for one in other.objects()] == [FRAMES] * 3
 
 
 @pytest.mark.parametrize(

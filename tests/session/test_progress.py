@@ -100,19 +100,12 @@ def test_nothing_where_nobody_looks_on(capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_false_is_nothing_everywhere(monkeypatch):
-    screen = Terminal()
-    monkeypatch.setattr(sys, "stderr", screen)
-    with follow_run(False, "rooms", 10) as follow:
-        assert follow is None
-    assert screen.getvalue() == ""
-
-
-def test_a_function_is_called_as_it_is(monkeypatch):
+def test_false_is_nothing_and_a_function_is_called_as_it_is(monkeypatch):
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
     seen: list[Progress] = []
-    with follow_run(seen.append, "rooms", 10) as follow:
+    with follow_run(False, "rooms", 10) as nothing, follow_run(seen.append, "rooms", 10) as follow:
+        assert nothing is None
         assert follow is not None
         follow(done(1))
     assert seen == [done(1)]

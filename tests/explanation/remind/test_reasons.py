@@ -181,44 +181,28 @@ def drawn_frames(num: int):
         yield decide_frame(rows, lifecycle=Lifecycle(rng.integers(0, 4)), **around)
 
 
-@pytest.fixture(scope="module")
-def drawn():
-    return list(drawn_frames(150))
-
-
-def test_every_comparison_that_is_shown_holds(drawn):
-    count = 0
-    for record in drawn:
-        for row in range(len(record)):
-            for left, sign, right in re.findall(
-                r"([\d.]+\d) (>=|<=|<|>) ([\d.]+\d)", " ".join(chain(record, row))
-            ):
-                assert HOLDS[sign](float(left), float(right))
-                count += 1
-    assert count > 500
-
-
-def test_the_verdict_is_the_decision(drawn):
-    seen = set()
-    for record in drawn:
+def test_what_is_said_of_drawn_frames_holds():
+    """Comparisons that are shown hold, the verdict is the decision, no sentence lacks a number."""
+    num_compared, reasons = 0, set()
+    for record in drawn_frames(150):
         for row in range(len(record)):
             explanation = explain(record, row)
+            for left, sign, right in re.findall(
+                r"([\d.]+\d) (>=|<=|<|>) ([\d.]+\d)", " ".join(explanation.why)
+            ):
+                assert HOLDS[sign](float(left), float(right))
+                num_compared += 1
             options = record.decisions.option_id[row]
             named = [int(i) for i in re.findall(r"mug (\d+)", explanation.why[-1])]
             if explanation.outcome in (Outcome.MATCH, Outcome.NEW):
                 assert named == [explanation.object_id]
             else:
                 assert named == options[options >= 0].tolist()
-            seen.add(explanation.reason)
-    assert len(seen) >= 9  # of the 15 reasons that a usable detection can have
-
-
-def test_no_sentence_is_given_twice_or_lacks_a_number(drawn):
-    for record in drawn:
-        for row in range(len(record)):
-            sentences = chain(record, row)
-            assert len(set(sentences)) == len(sentences)
-            for text in sentences:
+            reasons.add(explanation.reason)
+            assert len(set(explanation.why)) == len(explanation.why)
+            for text in explanation.why:
                 assert text.endswith(".")
                 assert "None" not in text
                 assert "nan" not in text
+    assert num_compared > 500
+    assert len(reasons) >= 9  # of the 15 reasons that a usable detection can have
