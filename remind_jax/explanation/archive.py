@@ -167,15 +167,15 @@ def _join(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 def _split(kind: type[Record], columns: Mapping[str, np.ndarray]) -> dict[int, Record]:
     """The records by frame index."""
-    index, num = columns["frame.index"].tolist(), columns["frame.detections"].tolist()
+    index = columns["frame.index"].tolist()
     leaves = {
         path: _cut(path, column, columns[f"shape.{path}"], len(index))
         for path, column in columns.items()
         if f"shape.{path}" in columns
     }
     return {
-        number: _rebuild(kind, {path: parts[place] for path, parts in leaves.items()}, rows)
-        for place, (number, rows) in enumerate(zip(index, num, strict=True))
+        number: _rebuild(kind, {path: parts[place] for path, parts in leaves.items()})
+        for place, number in enumerate(index)
     }
 
 
@@ -195,32 +195,14 @@ def _cut(path: str, column: np.ndarray, shapes: np.ndarray, num_frames: int) -> 
     ]
 
 
-def _rebuild(kind: type, leaves: Mapping[str, np.ndarray], num: int, path: str = "") -> Any:
-    """Nested dataclasses from leaves by dotted path, for a frame of `num` detections."""
+def _rebuild(kind: type, leaves: Mapping[str, np.ndarray], path: str = "") -> Any:
+    """Nested dataclasses from leaves by dotted path."""
     fields = typing.get_type_hints(kind)
-    values = {}
-    for name in (field.name for field in dataclasses.fields(kind)):
-        if dataclasses.is_dataclass(fields[name]):
-            values[name] = _rebuild(fields[name], leaves, num, f"{path}{name}.")
-        else:
-            values[name] = leaves[path + name]
-            _check_leaf(values[name], fields[name], num, path + name)
-    return kind(**values)
-
-
-def _check_leaf(leaf: np.ndarray, kind: Any, num: int, path: str) -> None:
-    """Compares an array with its annotation: kind of number, dimensions, one row a detection."""
-    kind = next(iter(typing.get_args(kind)), kind)  # of a choice, which tests make of it
-    dimensions = kind.dim_str.split()
-    expected = [
-        num if name == "N" else int(name) if name.isdigit() else None for name in dimensions
-    ]
-    fits = leaf.ndim == len(expected) and all(
-        side in (None, found) for side, found in zip(expected, leaf.shape, strict=True)
+    return kind(
+        **{
+            field.name: _rebuild(fields[field.name], leaves, f"{path}{field.name}.")
+            if dataclasses.is_dataclass(fields[field.name])
+            else leaves[path + field.name]
+            for field in dataclasses.fields(kind)
+        }
     )
-    letter = {"Bool": "b", "Int": "i", "Float": "f"}[kind.__name__.partition("[")[0]]
-    if not fits or leaf.dtype.kind != letter:
-        raise ValueError(
-            f"'{path}' is {leaf.dtype} {list(leaf.shape)}, in a frame of {num} detections it is "
-            f"{kind.__name__.partition('[')[0]} '{kind.dim_str}'"
-        )

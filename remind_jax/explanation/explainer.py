@@ -59,13 +59,15 @@ class Explainer(abc.ABC, Generic[Record]):
                 f"frame {frame} has no detection {detection}; {_say_detections(len(tracks))}"
             )
         record = self._archive.frame(frame)
-        if record is None or len(record) != len(tracks):
-            raise OutputError(
-                f"the trace does not fit frame {frame} of the run; run again with --trace"
-            )
         try:
+            if record is None or len(record) != len(tracks):
+                raise OutputError(
+                    f"the trace does not fit frame {frame} of the run; run again with --trace"
+                )
             explanation = self._explain(record, tracks, detection)
-        except (ValueError, IndexError, KeyError) as error:  # of codes and ids that there are not
+        except OutputError:
+            raise
+        except Exception as error:  # of arrays, codes and ids that no run writes
             raise OutputError(
                 f"the trace of frame {frame} is damaged ({type(error).__name__}: {error}); run "
                 "again with --trace"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -13,12 +13,26 @@ from remind_jax.errors import OptionError
 from remind_jax.files.limits import MAX_FRAMES
 from remind_jax.settings.ranges import check_option
 
-if TYPE_CHECKING:
-    from remind_jax.sources.source import Entry
-
 MIN_RATE, MAX_RATE = 1e-6, 1e6  # frames per second
 MAX_TIME_S = 1e10
 RATE_SLACK = 1e-6  # frames; time stamps are rounded to the container's clock
+
+
+class Timed(Protocol):
+    """Anything that has a place in a source."""
+
+    @property
+    def source_index(self) -> int:
+        """Number before sampling."""
+        ...
+
+    @property
+    def time_s(self) -> float:
+        """Time from the start of the source."""
+        ...
+
+
+TimedT = TypeVar("TimedT", bound=Timed)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,8 +69,8 @@ class Sampling:
                 "end",
             )
 
-    def select(self, items: Iterable[Entry]) -> Iterator[Entry]:
-        """Yields the chosen entries, in order, and asks for none beyond the last of them."""
+    def select(self, items: Iterable[TimedT]) -> Iterator[TimedT]:
+        """Yields the chosen items, in order, and asks for none beyond the last of them."""
         chosen, last_tick, first_time_s = 0, -1, None
         for item in items:
             if self.end is not None and item.source_index >= self.end:

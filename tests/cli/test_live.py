@@ -42,7 +42,7 @@ def live(camera, monkeypatch):
 def test_a_stream_ends_when_nothing_more_comes(command, live):
     outcome = command(*live, "--reconnect", "0", "--record", "seen")
     assert (outcome.code, outcome.stderr) == (0, "")
-    assert os.path.exists("seen/000003.png")
+    assert os.path.exists("seen/000000.png")
     assert "3 identities" in outcome.stdout
     assert "and the run with it" in outcome.stdout
 

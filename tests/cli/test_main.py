@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import textwrap
-
 import pytest
 
 from remind_jax import __version__
@@ -13,18 +9,9 @@ from remind_jax.cli import main as main_module
 from remind_jax.cli import process as exit_codes
 from remind_jax.cli.main import VERBS, main
 from remind_jax.errors import SourceError
+from tests.cli.test_streams import REMIND, run, run_python
 
 HEAVY = ("jax", "torch", "matplotlib", "onnxruntime", "pandas", "supervision")
-
-
-def run_python(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
 
 
 def test_help_of_every_verb_answers_without_jax():
@@ -122,14 +109,7 @@ def test_interruption_before_anything_is_done(monkeypatch, capfd):
 
 
 def test_real_process_says_one_sentence(tmp_path):
-    finished = subprocess.run(
-        [sys.executable, "-m", "remind_jax.cli.main", "run", "missing.mp4"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    finished = run([*REMIND, "run", "missing.mp4"], cwd=tmp_path)
     assert finished.returncode == exit_codes.ERROR
     assert finished.stdout == ""
     assert finished.stderr == "remind: 'missing.mp4' does not exist\n"

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,15 +34,14 @@ CHATTER = """
 """
 
 
+def run(words: Any, **options: Any) -> subprocess.CompletedProcess[str]:
+    """A process, with its output unless it goes elsewhere."""
+    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": QUIET}
+    return subprocess.run(words, text=True, timeout=120, check=False, **given | options)
+
+
 def run_python(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        env={**QUIET, **variables},
-    )
+    return run([sys.executable, "-c", textwrap.dedent(code)], env={**QUIET, **variables})
 
 
 def test_libraries_say_nothing():
@@ -75,16 +75,7 @@ def scored(tmp_path):
 @pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
 def test_full_standard_output_is_told_in_one_sentence(scored):
     with FULL.open("w") as full:
-        finished = subprocess.run(
-            [*REMIND, *SCORES],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=QUIET,
-            cwd=scored,
-            timeout=120,
-            check=False,
-        )
+        finished = run([*REMIND, *SCORES], stdout=full, cwd=scored)
     assert finished.stderr == (
         "remind: cannot write to standard output: No space left on device; send it elsewhere\n"
     )
@@ -106,30 +97,14 @@ def test_a_reader_that_goes_away_is_no_error(scored):
 @pytest.mark.parametrize("words", [("view", "none"), ("none",)])
 def test_full_standard_error_changes_no_exit_code(words, tmp_path):
     with FULL.open("w") as full:
-        finished = subprocess.run(
-            [*REMIND, *words],
-            stderr=full,
-            stdout=subprocess.PIPE,
-            env=QUIET,
-            cwd=tmp_path,
-            check=False,
-        )
+        finished = run([*REMIND, *words], stderr=full, cwd=tmp_path)
     expected = exit_codes.USAGE if len(words) == 1 else exit_codes.ERROR
-    assert (finished.returncode, finished.stdout) == (expected, b"")
+    assert (finished.returncode, finished.stdout) == (expected, "")
 
 
 @pytest.mark.parametrize("redirection", [">&-", ">&- 2>&-"])
 def test_closed_streams_are_no_defect(redirection, scored):
-    command = f"{sys.executable} -m remind_jax.cli.main eval gt.txt gt.txt {redirection}"
-    finished = subprocess.run(
-        command,
-        shell=True,
-        capture_output=True,
-        text=True,
-        env=QUIET,
-        cwd=scored,
-        timeout=120,
-        check=False,
-    )
+    command = f"{' '.join([*REMIND, *SCORES])} {redirection}"
+    finished = run(command, shell=True, cwd=scored)
     assert finished.stderr == ""
     assert finished.returncode == exit_codes.FINE

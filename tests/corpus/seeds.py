@@ -83,70 +83,23 @@ def _rle(mask: np.ndarray) -> dict:
     return {"size": list(code["size"]), "counts": code["counts"].decode()}
 
 
-def coco_results(folder: Path) -> Path:
-    found = []
-    for index in range(NUM_FRAMES):
-        labels = scenes.picture(index)[1]
-        found += [
-            {
-                "image_id": index,
-                "category_id": 1,
-                "segmentation": _rle(labels == instance),
-                "score": 0.9,
-                "track_id": instance,
-            }
-            for instance in scenes.FIRST_THREE
-        ]
-    path = folder / "results.json"
-    path.write_text(json.dumps(found))
-    return path
+def _detections(index: int, **more: Any) -> list[dict]:
+    """Those of a frame, as COCO has them."""
+    labels = scenes.picture(index)[1]
+    return [
+        {"segmentation": _rle(labels == instance), "score": 0.9, **more}
+        for instance in scenes.FIRST_THREE
+    ]
 
 
-def _coco_video(folder: Path) -> Path:
-    names = [f"{index:04d}.png" for index in range(NUM_FRAMES)]
-    maps = [scenes.picture(index)[1] for index in range(NUM_FRAMES)]
-    content = {
-        "videos": [
-            {
-                "id": 1,
-                "width": scenes.WIDTH_PX,
-                "height": scenes.HEIGHT_PX,
-                "length": NUM_FRAMES,
-                "file_names": names,
-            }
-        ],
-        "categories": [{"id": 1, "name": "cup"}],
-        "annotations": [
-            {
-                "id": instance,
-                "video_id": 1,
-                "category_id": 1,
-                "iscrowd": 0,
-                "segmentations": [_rle(labels == instance) for labels in maps],
-            }
-            for instance in scenes.FIRST_THREE
-        ],
-    }
-    path = folder / "video.json"
-    path.write_text(json.dumps(content))
-    return path
+def _coco_results() -> list[dict]:
+    found = (_detections(index, image_id=index, category_id=1) for index in range(NUM_FRAMES))
+    return list(itertools.chain(*found))
 
 
 def _frame_lines(folder: Path) -> Path:
     lines = [
-        json.dumps(
-            {
-                "frame": index,
-                "detections": [
-                    {
-                        "segmentation": _rle(scenes.picture(index)[1] == instance),
-                        "label": "cup",
-                        "score": 0.5,
-                    }
-                    for instance in scenes.FIRST_THREE
-                ],
-            }
-        )
+        json.dumps({"frame": index, "detections": _detections(index, label="cup")})
         for index in range(NUM_FRAMES)
     ]
     path = folder / "frames.jsonl"
@@ -154,15 +107,17 @@ def _frame_lines(folder: Path) -> Path:
     return path
 
 
-def _mot(folder: Path) -> Path:
-    rows = [
-        f"{frame},{track},{10 * track},{10 * track},20,20,1,1,1"
-        for frame in range(1, 4)
-        for track in (1, 2, 3)
-    ]
-    path = folder / "gt.txt"
-    path.write_text("\n".join(rows) + "\n")
-    return path
+def _json_of(make: Callable[[], Any]) -> Callable[[Path], Path]:
+    return lambda folder: tracks.write_json(folder / "tracks.json", make())
+
+
+def _text_of(make: Callable[[list[str]], str]) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        path = folder / "tracks.txt"
+        path.write_text(make(tracks.TRUTH["one"]))
+        return path
+
+    return write
 
 
 def metadata(folder: Path) -> Path:
@@ -249,75 +204,6 @@ def refusal(error: BaseException) -> bool:
     return isinstance(error, (Refused, RemindError))
 
 
-FORMATS: dict[str, Format] = {
-    "coco results as masks": Format(
-        "json", coco_results, lambda path: _look_at(scene_beside(path), masks=path)
-    ),
-    "coco video scored": Format(
-        "json", _coco_video, lambda path: remind("eval", path, path, "--resamples", 0)
-    ),
-    "frame lines": Format(
-        "jsonl", _frame_lines, lambda path: _look_at(scene_beside(path), masks=path)
-    ),
-    "mot scored": Format("text", _mot, lambda path: remind("eval", path, path, "--resamples", 0)),
-    "metadata of masks": Format("json", metadata, _scene_with_masks),
-    "detections.jsonl viewed": Format(
-        "jsonl", run_file("detections.jsonl"), lambda path: _load_run(path)
-    ),
-    "run.json": Format("json", run_file("run.json"), lambda path: _load_run(path)),
-    "run scored": Format(
-        "jsonl",
-        run_file("detections.jsonl"),
-        lambda path: remind("eval", path.parent, path.parent, "--resamples", 0),
-    ),
-    "configuration": Format("yaml", config, lambda path: remind("config", "show", path)),
-    "sweep settings": Format("json", sweep_settings, lambda path: _read_settings(path)),
-    "memory": Format("safetensors", _memory, load_memory),
-    "features": Format("npz", features, _look_at),
-    "instance map": Format("header", _map, _scene_with_masks),
-    "array of masks": Format(
-        "header", binary_seeds.mask_array, lambda path: _look_at(scene_beside(path), masks=path)
-    ),
-    "coco polygons": Format(
-        "json", binary_seeds.polygons, lambda path: _look_at(scene_beside(path), masks=path)
-    ),
-    "coco categories": Format(
-        "json",
-        binary_seeds.categories,
-        lambda path: _look_at(
-            scene_beside(path), masks=path.with_name("results.json"), metadata=path
-        ),
-    ),
-    "detector": Format("header", binary_seeds.detector, binary_seeds.detect),
-    **{
-        f"{suffix} picture": Format(
-            "header", binary_seeds.pictures(suffix), lambda path: _look_at(path.parent)
-        )
-        for suffix in (".png", ".jpg", ".webp", ".bmp", ".tiff")
-    },
-    **{
-        f"{name} video": Format("header", binary_seeds.video(name, codec, pixels), _look_at)
-        for name, codec, pixels in (
-            ("v.mp4", "libx264", "yuv420p"),
-            ("v.avi", "mjpeg", "yuvj420p"),
-            ("v.mkv", "mpeg4", "yuv420p"),
-            ("v.gif", "gif", "rgb8"),
-            ("v.apng", "apng", "rgb24"),
-        )
-    },
-}
-
-
-def _json_of(make: Callable[[], Any]) -> Callable[[Path], Path]:
-    return lambda folder: tracks.write_json(folder / "tracks.json", make())
-
-
-def _mots(folder: Path) -> Path:
-    path = folder / "masks.txt"
-    path.write_text(tracks.mots_text(tracks.TRUTH["one"]))
-    return path
-
-
 def _result_list(folder: Path) -> Path:
     tracks.write_json(folder / "truth.json", tracks.coco_video(tracks.TRUTH))
     return tracks.write_json(folder / "results.json", tracks.coco_results(tracks.ANSWERS))
@@ -350,30 +236,71 @@ def _index_of_shards(folder: Path) -> Path:
     return tracks.write_json(folder / "model.safetensors.index.json", {"weight_map": names})
 
 
+def _apply_edits(path: Path) -> None:
+    words = ("label", path.parent / "run", "--apply", path, "--out", path.parent / "truth")
+    remind(*words, "--overwrite", "--quiet")
+
+
 def _score(path: Path) -> None:
     remind("eval", path, path, "--resamples", 0)
 
 
-FORMATS |= {
+def _as_masks(path: Path) -> None:
+    _look_at(scene_beside(path), masks=path)
+
+
+FORMATS: dict[str, Format] = {
+    "coco results as masks": Format("json", _json_of(_coco_results), _as_masks),
+    "coco video scored": Format("json", _json_of(lambda: tracks.coco_video(tracks.TRUTH)), _score),
+    "frame lines": Format("jsonl", _frame_lines, _as_masks),
+    "mot scored": Format("text", _text_of(tracks.mot_text), _score),
+    "metadata of masks": Format("json", metadata, _scene_with_masks),
+    "detections.jsonl viewed": Format("jsonl", run_file("detections.jsonl"), _load_run),
+    "run.json": Format("json", run_file("run.json"), _load_run),
+    "run scored": Format("jsonl", run_file("detections.jsonl"), lambda path: _score(path.parent)),
+    "configuration": Format("yaml", config, lambda path: remind("config", "show", path)),
+    "sweep settings": Format("json", sweep_settings, _read_settings),
+    "memory": Format("safetensors", _memory, load_memory),
+    "features": Format("npz", features, _look_at),
+    "instance map": Format("header", _map, _scene_with_masks),
+    "array of masks": Format("header", binary_seeds.mask_array, _as_masks),
+    "coco polygons": Format("json", binary_seeds.polygons, _as_masks),
+    "coco categories": Format(
+        "json",
+        binary_seeds.categories,
+        lambda path: _look_at(
+            scene_beside(path), masks=path.with_name("results.json"), metadata=path
+        ),
+    ),
+    "detector": Format("header", binary_seeds.detector, binary_seeds.detect),
+    **{
+        f"{suffix} picture": Format(
+            "header", binary_seeds.pictures(suffix), lambda path: _look_at(path.parent)
+        )
+        for suffix in (".png", ".jpg", ".webp", ".bmp", ".tiff")
+    },
+    **{
+        f"{name} video": Format("header", binary_seeds.video(name, codec, pixels), _look_at)
+        for name, codec, pixels in (
+            ("v.mp4", "libx264", "yuv420p"),
+            ("v.avi", "mjpeg", "yuvj420p"),
+            ("v.mkv", "mpeg4", "yuv420p"),
+            ("v.gif", "gif", "rgb8"),
+            ("v.apng", "apng", "rgb24"),
+        )
+    },
     "coco boxes scored": Format(
         "json", _json_of(lambda: tracks.coco_video(tracks.TRUTH, "bboxes")), _score
     ),
     "result list scored": Format(
         "json", _result_list, lambda path: remind("eval", path.parent / "truth.json", path)
     ),
-    "mots scored": Format("text", _mots, _score),
+    "mots scored": Format("text", _text_of(tracks.mots_text), _score),
     "trace explained": Format("npz", _traced(make_traced_run, "trace.npz"), _explain),
     "plus trace explained": Format("npz", _traced(make_plus_run, "trace.npz"), _explain),
     "traced run explained": Format("jsonl", _traced(make_plus_run, "detections.jsonl"), _explain),
     "run drawn": Format("json", run_file("run.json"), lambda path: remind("view", path.parent)),
-    "edits of labels": Format(
-        "json",
-        _edits,
-        lambda path: remind(
-            *("label", path.parent / "run", "--apply", path, "--out", path.parent / "truth"),
-            *("--overwrite", "--quiet"),
-        ),
-    ),
+    "edits of labels": Format("json", _edits, _apply_edits),
     "weights": Format("safetensors", _weights, load_weights),
     "index of shards": Format("json", _index_of_shards, open_weights),
 }

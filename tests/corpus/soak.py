@@ -1,12 +1,12 @@
 """A robot's loop for hours, in minutes: does memory stay flat, and does no frame take too long?
 
-python -m tests.corpus.soak --frames 10000 --config default [--fps 30] [--unprepared]
+python -m tests.corpus.soak --frames 10000 --config default
 
 Small frames of rooms that are met one after the other, and again and again later on; things in
 them come and go. Capacities grow several times in the first part. How long a frame takes is the
 lesser of two times, as neither is less than that: what this process computes meanwhile, with the
 device and what is prepared in the background; and the time on the wall without what its thread
-waited for a processor. What other processes of the machine take is told apart.
+waited for a processor.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ TOUR_VISIT = 8  # frames in a room
 TOUR = 3 * NUM_ROOMS * TOUR_VISIT  # frames
 CROWD = 24  # things in a frame now and then, more than there is room for at first
 FIRST_OBJECTS = 32  # that there is room for
+FIRST = 1000  # frames in which memory may grow; not fewer than the tour has
+WARM_UP = 100  # frames that may take longer
 MOST_TIMES = 10.0  # the median, of any frame after the warm-up
 MOST_KIB_PER_1000 = 256.0  # that memory may grow by in 1,000 frames after the first ones,
 FEWEST_PARTS = 5  # if there are so many thousands; in fewer, what comes and goes looks like a slope
@@ -47,13 +49,10 @@ MOST_GROWTH = 0.01  # of it in all, from the first of these thousands to the las
 class Figures:
     """What a soak found."""
 
-    num_frames: int
     num_objects: int
     median_ms: float  # of a frame after the warm-up
     worst_ms: float
     worst_frame: int
-    worst_wall_ms: float  # with what other processes took
-    num_wall_over: int  # frames over the bound by the clock on the wall
     grown_at: tuple[int, ...]
     rss_mib: tuple[float, ...]  # the median of each 1,000 frames, the first ones left out
     kib_per_1000: float  # `slope_of` these
@@ -118,42 +117,20 @@ def picture(index: int) -> tuple[np.ndarray, rj.Detections]:
     return cv2.add(image, noise), rj.Detections.create(planes, labels)
 
 
-def soak(
-    num_frames: int,
-    config: str,
-    fps: float = float("inf"),
-    *,
-    is_prepared: bool = True,
-    first: int = 1000,
-    warm_up: int = 100,
-) -> Iterator[str | Figures]:
-    """Tracks so many frames; tells how far it is, and in the end what was found.
-
-    Args:
-      num_frames: Frames.
-      config: Name of a configuration.
-      fps: Frames of the camera in a second; without it, frames come as fast as they are taken.
-      is_prepared: Whether the tracker is told before what comes.
-      first: Frames in which memory may grow; not fewer than the tour has.
-      warm_up: Frames that may take longer.
-    """
+def soak(num_frames: int, config: str) -> Iterator[str | Figures]:
+    """Tracks so many frames; tells how far it is, and in the end what was found."""
     # Fewer than at first otherwise, so that trackers grow that tell few of the things apart, too.
     tracker = rj.Tracker({"base": config, "static": {"num_objects": FIRST_OBJECTS}})
-    if is_prepared:
-        tracker.warm_up((HEIGHT_PX, WIDTH_PX), num_objects=4 * NUM_ROOMS, num_detections=CROWD)
-    spent_ms, wall_ms, grown_at = np.zeros(num_frames), np.zeros(num_frames), []
+    tracker.warm_up((HEIGHT_PX, WIDTH_PX), num_objects=4 * NUM_ROOMS, num_detections=CROWD)
+    spent_ms, grown_at = np.zeros(num_frames), []
     frames, rss = [], []
-    due = time.perf_counter()
     for index in range(num_frames):
         image, detections = picture(index)
-        time.sleep(max(0.0, due - time.perf_counter()))
-        due = max(due, time.perf_counter() - 1.0) + 1 / fps
         start, computed, delayed = time.perf_counter(), time.process_time(), _delay_s()
         tracks = tracker.update(image, detections)
         _ = [tracks.display_name(row) for row in range(len(tracks))]
-        wall_ms[index] = 1000 * (time.perf_counter() - start)
-        own_ms = wall_ms[index] - 1000 * (_delay_s() - delayed)
-        spent_ms[index] = min(1000 * (time.process_time() - computed), own_ms)
+        own_s = time.perf_counter() - start - (_delay_s() - delayed)
+        spent_ms[index] = 1000 * min(time.process_time() - computed, own_s)
         if tracker.has_grown:
             grown_at.append(index)
         if index % 50 == 0:
@@ -163,20 +140,15 @@ def soak(
             yield f"{index} frames, {tracker.num_objects} objects, {rss[-1]:.1f} MiB"
     # What was freed goes back to the system every 1,000 frames, and a sample now and then sees two
     # copies of the memory, before the former one is let go of.
-    num_parts = (num_frames - first) // 1000
-    part_of, mib = (np.array(frames) - first) // 1000, np.array(rss)
+    num_parts = (num_frames - FIRST) // 1000
+    part_of, mib = (np.array(frames) - FIRST) // 1000, np.array(rss)
     usual = tuple(float(np.median(mib[part_of == part])) for part in range(num_parts))
-    median = float(np.median(spent_ms[warm_up:]))
-    worst = warm_up + int(np.argmax(spent_ms[warm_up:]))
-    wall_median = float(np.median(wall_ms[warm_up:]))
+    worst = WARM_UP + int(np.argmax(spent_ms[WARM_UP:]))
     yield Figures(
-        num_frames=num_frames,
         num_objects=tracker.num_objects,
-        median_ms=median,
+        median_ms=float(np.median(spent_ms[WARM_UP:])),
         worst_ms=float(spent_ms[worst]),
         worst_frame=worst,
-        worst_wall_ms=float(wall_ms[warm_up:].max()),
-        num_wall_over=int(np.sum(wall_ms[warm_up:] > MOST_TIMES * wall_median)),
         grown_at=tuple(grown_at),
         rss_mib=usual,
         kib_per_1000=slope_of(usual) * 1024,
@@ -206,11 +178,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=10_000)
     parser.add_argument("--config", default="default")
-    parser.add_argument("--fps", type=float, default=float("inf"))
-    parser.add_argument("--unprepared", action="store_true")
     options = parser.parse_args()
-    told_before = not options.unprepared
-    for told in soak(options.frames, options.config, options.fps, is_prepared=told_before):
+    for told in soak(options.frames, options.config):
         print(told, flush=True)
         if isinstance(told, Figures):
             failures = told.failures

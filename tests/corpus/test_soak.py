@@ -21,13 +21,10 @@ from tests.corpus.soak import (
 )
 
 FINE = Figures(
-    num_frames=3000,
     num_objects=160,
     median_ms=5.0,
     worst_ms=20.0,
     worst_frame=300,
-    worst_wall_ms=200.0,
-    num_wall_over=1,
     grown_at=(250,),
     rss_mib=(500.0, 500.2, 500.1, 500.3, 500.2),
     kib_per_1000=200.0,

@@ -165,12 +165,6 @@ def test_none_detectors_and_nonsense():
         as_detector("yolo")
 
 
-def overlap(a: np.ndarray, b: np.ndarray) -> float:
-    sides = np.clip(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0, None)
-    shared = sides.prod()
-    return shared / ((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - shared)
-
-
 def square(size: int, top: int, left: int, shape: tuple[int, int] = (20, 30)) -> np.ndarray:
     mask = np.zeros(shape, bool)
     mask[top : top + size, left : left + size] = True

@@ -145,8 +145,6 @@ def _with(path, **changes):
     ("changes", "said"),
     [
         ({"frame.index": np.arange(3)}, "damaged"),
-        ({"frame.detections": np.zeros(4, np.int32)}, "in a frame of 0 detections it is Int 'N'"),
-        ({"decisions.score": np.zeros(4, "U3")}, "'decisions.score' is <U3"),
         ({"decisions.score": np.zeros(3, np.float32)}, "has other rows than its shapes say"),
         ({"shape.decisions.score": np.full((4, 1), -1)}, "has other rows than its shapes say"),
         ({"shape.decisions.score": np.zeros((4, 2), int)}, "does not have a shape for each of 4"),

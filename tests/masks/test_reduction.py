@@ -136,15 +136,6 @@ def test_pixels_beyond_the_last_whole_patch_do_not_count():
     assert found.area[0] == mask.sum()
 
 
-@pytest.mark.parametrize("size", [(8, 400), (400, 8), (8, 8)])
-def test_extreme_frames(size):
-    mask = np.ones(size, bool)
-    found = reduce(mask)
-    assert found.coverage.shape[1:] == (size[0] // 8, size[1] // 8)
-    assert (found.coverage == 1).all()
-    assert (found.filled_coverage == 1).all()
-
-
 def hollow():
     """A frame of 16 x 16 pixels, 4 thick, with a notch of one pixel in its outer edge."""
     mask = blank()
@@ -196,16 +187,3 @@ def test_a_hole_open_to_the_frame_is_not_filled():
     mask[0:5, 4:6] = False
     found = reduce(mask, sanitize="morphology", close_px=0)
     assert found.filled_coverage[0].sum() * PATCH**2 == 90
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_the_hull_contains_the_mask(seed):
-    rng = np.random.default_rng(seed)
-    mask = blank()
-    for _ in range(rng.integers(1, 4)):
-        row, column = rng.integers(0, 36), rng.integers(0, 44)
-        mask[row : row + rng.integers(1, 20), column : column + rng.integers(1, 20)] = True
-    found = reduce(mask)
-    assert (found.filled_coverage >= found.coverage).all()
-    assert 0 < found.quality[0] <= 1

@@ -75,42 +75,20 @@ def ultralytics_results(
         xyxy=Tensor(boxes, device),
         conf=Tensor(np.linspace(0.9, 0.5, len(boxes), dtype=np.float32), device),
         cls=Tensor(classes.astype(np.float32), device),
-        orig_shape=frame_size,
-        id=None,
     )
     masks = None
     if planes is not None:
-        data = Tensor(np.asarray(planes), device)
-        masks = types.SimpleNamespace(data=data, orig_shape=frame_size)
+        masks = types.SimpleNamespace(data=Tensor(np.asarray(planes), device))
     return types.SimpleNamespace(
-        boxes=found,
-        masks=masks,
-        names={0: "cup", 1: "tv"},
-        orig_shape=frame_size,
-        orig_img=np.zeros((*frame_size, 3), np.uint8),
-        obb=None,
-        probs=None,
-        keypoints=None,
+        boxes=found, masks=masks, names={0: "cup", 1: "tv"}, orig_shape=frame_size, probs=None
     )
 
 
 def sam_masks(planes: Any, estimates: Any = None) -> list[dict[str, Any]]:
     """What the generators of automatic masks of SAM and SAM 2 give for a picture."""
-    found = []
-    for row, plane in enumerate(np.asarray(planes, bool)):
-        rows, columns = np.nonzero(plane)
-        left, top = (int(columns.min()), int(rows.min())) if len(rows) else (0, 0)
-        width = int(columns.max()) - left if len(rows) else 0
-        height = int(rows.max()) - top if len(rows) else 0
-        found.append(
-            {
-                "segmentation": plane,
-                "area": int(plane.sum()),
-                "bbox": [left, top, width, height],
-                "predicted_iou": 0.9 if estimates is None else estimates[row],
-                "point_coords": [[float(left), float(top)]],
-                "stability_score": 0.95,
-                "crop_box": [0, 0, plane.shape[1], plane.shape[0]],
-            }
-        )
-    return found
+    planes = np.asarray(planes, bool)
+    estimates = [0.9] * len(planes) if estimates is None else estimates
+    return [
+        {"segmentation": plane, "area": int(plane.sum()), "predicted_iou": estimate}
+        for plane, estimate in zip(planes, estimates, strict=True)
+    ]

@@ -42,17 +42,6 @@ def test_error_is_raised_at_its_place():
 
 def test_error_of_the_iterable_is_raised_after_its_items():
     def items():
-        yield 1
-        raise KeyError("lost")
-
-    results = prefetch(items())
-    assert next(results) == 1
-    with pytest.raises(KeyError, match="lost"):
-        next(results)
-
-
-def test_error_raised_while_the_queue_is_full_is_not_lost():
-    def items():
         yield from range(4)
         raise KeyError("late")
 
