@@ -121,7 +121,8 @@ def _find_candidates(here: Side, there: Side, scene: Scene, t: th.Names) -> _Can
     classes, class_of = np.unique(here.values("class_id"), return_inverse=True)
     classes_there = there.values("class_id")
     asked_classes = np.unique(classes_there)
-    names = np.asarray(name_odds(asked_classes, classes, confusion_odds(scene, t)))
+    kinds = jnp.asarray(asked_classes), jnp.asarray(classes)
+    names = np.asarray(name_odds(*kinds, confusion_odds(scene, t)))
     for one_class, name in zip(asked_classes, names, strict=True):
         # Others are asked only where the detector was seen to change between both names.
         rows = np.flatnonzero((name > np.log(t.confused))[class_of])
