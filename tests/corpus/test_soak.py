@@ -26,6 +26,7 @@ FINE = Figures(
     worst_ms=20.0,
     worst_frame=300,
     grown_at=(250,),
+    num_at_rest=0,
     rss_mib=(500.0, 500.2, 500.1, 500.3, 500.2),
     kib_per_1000=200.0,
 )
@@ -41,8 +42,10 @@ def test_stalls_and_growth_are_seen():
     assert short.failures == []
     swollen = dataclasses.replace(FINE, rss_mib=(500.0, 506.0))
     assert swollen.failures == ["memory grew from 500.0 to 506.0 MiB"]
-    (said,) = dataclasses.replace(FINE, grown_at=()).failures
-    assert said.startswith("memory never grew")
+    empty = dataclasses.replace(FINE, grown_at=())
+    assert dataclasses.replace(empty, num_at_rest=40).failures == []
+    (said,) = empty.failures
+    assert said.startswith("memory never was full")
 
 
 def is_room(part, room, place):
