@@ -41,6 +41,7 @@ OPEN_KNOWN = 0.046, 0.981  # probabilities
 OPEN_NEW = 0.19, 0.942
 KNOWN = 0.0113, 0.9985
 NEW = 0.5615, 0.9811
+LEAST_TRUST = 0.5  # of a tracklet that passed to another thing more likely than not
 MOVING_LOSS = 0.6  # share of a decided belief that is lost if the object moves
 
 # Why a detection became what it became.
@@ -116,7 +117,8 @@ def report(
 
     An open tracklet gets a firm answer where that is probable enough; a small new object
     must be more so, as most ids of what is never seen again would be theirs. Otherwise its options
-    are listed: known objects, and its own new id, which it will have if it is none of them.
+    are listed: known objects, and its own new id, which it will have if it is none of them. A
+    decided one keeps its firm answer until it passed to another thing more likely than not.
 
     Args:
       verdicts: Decisions.
@@ -132,14 +134,16 @@ def report(
     is_own = verdicts.answer_id == verdicts.tracklet_id
     undecided = seen & ~verdicts.is_decided
     confidence = jnp.where(seen, _calibrate(verdicts, is_own, moves), 0.0)
-    option_id, option_score = _list_options(verdicts, belief, undecided)
+    passed_on = seen & verdicts.is_decided & (here.trust < LEAST_TRUST)
+    option_id, option_score = _list_options(verdicts, belief, undecided, passed_on)
     could_be = option_score >= t.possible
     num_close = jnp.sum(could_be, axis=1, dtype=jnp.int32)
     is_small = is_own & (sightings.size < SMALL)
     firm = jnp.where(is_small, t.firm_small, t.firm)
-    doubtful = undecided & (confidence < firm)
+    doubtful = (undecided & (confidence < firm)) | passed_on
+    is_parent = undecided & (num_close <= 1) & ~is_own
     undecided_outcome = jnp.where(
-        (num_close <= 1) & ~is_own, int(Outcome.PROVISIONAL_PARENT), int(Outcome.AMBIGUOUS)
+        is_parent, int(Outcome.PROVISIONAL_PARENT), int(Outcome.AMBIGUOUS)
     )
     firm_outcome = jnp.where(is_own & ~here.named, int(Outcome.NEW), int(Outcome.MATCH))
     outcome = jnp.where(doubtful, undecided_outcome, firm_outcome)
@@ -200,13 +204,18 @@ def _log_odds(probability: Float[Array, "N"]) -> Float[Array, "N"]:
 
 
 def _list_options(
-    verdicts: Verdicts, belief: Float[Array, "N C"], undecided: Bool[Array, "N"]
+    verdicts: Verdicts,
+    belief: Float[Array, "N C"],
+    undecided: Bool[Array, "N"],
+    passed_on: Bool[Array, "N"],
 ) -> tuple[Int[Array, "N M"], Float[Array, "N M"]]:
-    """Known objects and the own new id, with their probabilities."""
-    new = 1.0 - jnp.sum(belief, axis=1, keepdims=True)
-    ids = jnp.concatenate([verdicts.option_id, verdicts.tracklet_id[:, None]], axis=1)
-    score = jnp.clip(jnp.concatenate([belief, new], axis=1), 0.0, 1.0)
-    return ids, jnp.where(undecided[:, None], score, 0.0)
+    """Known objects and the own new id, with their probabilities; what was decided, if it is."""
+    new = 1.0 - jnp.sum(belief, axis=1)
+    last_id = jnp.where(passed_on, verdicts.answer_id, verdicts.tracklet_id)
+    last = jnp.where(passed_on, verdicts.probability, jnp.where(undecided, new, 0.0))
+    ids = jnp.concatenate([verdicts.option_id, last_id[:, None]], axis=1)
+    known = jnp.where(undecided[:, None], belief, 0.0)
+    return ids, jnp.clip(jnp.concatenate([known, last[:, None]], axis=1), 0.0, 1.0)
 
 
 def _shown_candidates(

@@ -280,6 +280,7 @@ def advance_tracklets(
         ring=ring + ring_rate[:, None] * (sightings.ring - ring),
         ring_count=ring_count,
         belief=go_on(old.belief, 0.0),
+        trust=go_on(old.trust, 1.0),
         fresh=linked & old.fresh,
         named=linked & old.named,
         leans_new=linked & old.leans_new,

@@ -100,7 +100,8 @@ class Tracklets:
     first_look: Float[Array, "T D"]  # the look that it began with
     ring: Float[Array, "T D"]  # background, smoothed
     ring_count: Int[Array, "T"]  # detections with a background
-    belief: Float[Array, "T"]  # probability of its object when it was decided
+    belief: Float[Array, "T"]  # probability of its object
+    trust: Float[Array, "T"]  # probability that it passed to nothing else since it was decided
     fresh: Bool[Array, "T"]  # decided as new, may still turn out to be known
     named: Bool[Array, "T"]  # its own id was shown before
     leans_new: Bool[Array, "T"]  # last taken for a new object
@@ -262,6 +263,7 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         ring=_real(num, dim),
         ring_count=_whole(num),
         belief=_real(num),
+        trust=_real(num, value=1.0),
         fresh=zeros(num, bool),
         named=zeros(num, bool),
         leans_new=zeros(num, bool),

@@ -167,8 +167,12 @@ def _advance(
         t.mobility,
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
-    trust = trust_links(links, origin, t.linking)
-    here = dataclasses.replace(here, belief=here.belief * trust)
+    link_trust = trust_links(links, origin, t.linking)
+    here = dataclasses.replace(
+        here,
+        belief=here.belief * link_trust,
+        trust=jnp.where(here.slot == NO_SLOT, 1.0, here.trust * link_trust),
+    )
     # Which differences of looks matter in this scene?
     share = jnp.where(counts, share_of(here, objects), 0.0)
     scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, share, frame)

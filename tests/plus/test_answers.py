@@ -20,7 +20,15 @@ _report = jax.jit(report, static_argnums=6)
 
 
 def report_one(
-    belief, *, answer=KNOWN, decided=False, named=False, valid=True, moves=0.0, size=1.0
+    belief,
+    *,
+    answer=KNOWN,
+    decided=False,
+    named=False,
+    valid=True,
+    moves=0.0,
+    size=1.0,
+    trust=1.0,
 ):
     """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
 
@@ -50,6 +58,7 @@ def report_one(
         3,
         named=np.array([named, False, False]),
         slot=np.full(3, NO_SLOT, np.int32),
+        trust=np.full(3, trust, np.float32),
     )
     present = np.array([True, False, False])
     moving = first(np.zeros(3, np.float32), moves)
@@ -71,6 +80,16 @@ def test_doubt_names_the_objects_and_the_new_id_that_it_could_be():
     assert told.pending_id[0] == OWN
     assert told.option_id[0].tolist() == [KNOWN, OWN, OTHER]  # the answer first
     np.testing.assert_allclose(told.option_score[0], [0.25, 0.55, 0.2], rtol=1e-5)
+
+
+def test_what_passed_to_another_thing_more_likely_than_not_has_no_firm_answer_any_more():
+    assert report_one([0.6, 0.1], decided=True, trust=0.6).object_id[0] == KNOWN
+    told = report_one([0.3, 0.1], decided=True, trust=0.4)
+    assert (told.outcome[0], told.object_id[0]) == (Outcome.AMBIGUOUS, NO_ID)
+    assert told.pending_id[0] == OWN
+    assert told.option_id[0].tolist() == [KNOWN, NO_ID, NO_ID]
+    np.testing.assert_allclose(told.option_score[0], [0.3, 0.0, 0.0])
+    assert report_one([0.9, 0.05], trust=0.4).object_id[0] == KNOWN, "it is still asked"
 
 
 @pytest.mark.parametrize("named", [False, True])

@@ -55,9 +55,13 @@ class GroupOutcome:
     """
 
     status: Int[Array, "N"]  # GroupStatus
+    num_detections: Int[Array, "N"]
+    num_candidates: Int[Array, "N"]  # virtual ones included
+    num_anchors: Int[Array, "N"]  # an object that counts twice is counted twice
     numbers: Float[Array, "N 6"]  # joint_assignments.NUMBERS
     anchor: Int[Array, "N A"]  # objects whose distances voted, -1 padding
     anchor_place: Int[Array, "N A"]  # detection whose geometry each of them has
+    anchor_quality: Float[Array, "N A"]  # how well each separates the group
 
 
 @jax.tree_util.register_dataclass
@@ -136,17 +140,27 @@ def settle_known_sets(
 
 def _unsolved(groups: Groups, static: Static, scalar: jnp.dtype) -> GroupOutcome:
     """Groups before any is solved; those that cannot be solved have their status already."""
+    num = groups.root.shape[0]
     status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
     status = jnp.where(groups.num_detections > 0, status, GroupStatus.NONE).astype(jnp.int32)
-    return _no_anchors(status, static, scalar)
+    numbers = jnp.zeros((num, len(NUMBERS)), scalar)
+    return _no_anchors(status, groups.num_detections, groups.num_candidates, numbers, static)
 
 
-def _no_anchors(status: Int[Array, "N"], static: Static, scalar: jnp.dtype) -> GroupOutcome:
+def _no_anchors(
+    status: Int[Array, "N"],
+    num_detections: Int[Array, "N"],
+    num_candidates: Int[Array, "N"],
+    numbers: Float[Array, "N 6"],
+    static: Static,
+) -> GroupOutcome:
     """Groups that were not scored."""
-    num = status.shape[0]
-    room = (num, max(FEWEST_ANCHORS, static.switches.group_anchors))
+    room = (status.shape[0], max(FEWEST_ANCHORS, static.switches.group_anchors))
     nobody = jnp.full(room, NO_SLOT, jnp.int32)
-    return GroupOutcome(status, jnp.zeros((num, len(NUMBERS)), scalar), nobody, nobody)
+    return GroupOutcome(
+        status, num_detections, num_candidates, jnp.zeros_like(status), numbers,
+        nobody, nobody, jnp.zeros(room, numbers.dtype),
+    )  # fmt: skip
 
 
 def _solve_group(
@@ -184,9 +198,11 @@ def _solve_group(
     votes = anchors.votes > 0
     mine = {
         "status": best.status,
+        "num_anchors": jnp.sum(anchors.votes, dtype=jnp.int32),
         "numbers": best.numbers,
         "anchor": jnp.where(votes, voters.slot[anchors.voter], NO_SLOT),
         "anchor_place": jnp.where(votes, anchors.place, NO_SLOT),
+        "anchor_quality": jnp.where(votes, anchors.quality, 0.0),
     }
     written = {
         name: jnp.where(is_root.reshape(num, *(1,) * value.ndim), value, getattr(outcome, name))
@@ -251,7 +267,7 @@ def _untouched(undecided: Undecided, static: Static, scalar: jnp.dtype) -> Settl
     """The answer where there is nothing to settle."""
     num = undecided.present.shape[0]
     none, zero = jnp.full(num, NO_SLOT, jnp.int32), jnp.zeros(num, jnp.int32)
-    nothing = _no_anchors(zero, static, scalar)
+    nothing = _no_anchors(zero, zero, zero, jnp.zeros((num, len(NUMBERS)), scalar), static)
     return Settled(none, jnp.zeros(num, scalar), zero, undecided.present, none, none, nothing)
 
 

@@ -8,7 +8,6 @@ root of a group; `expected.numbers` is score, gap, core, core gap and evidence.
 
 import dataclasses
 import functools
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -158,12 +157,6 @@ def settle_all(scenes: Scene, t: KnownSets, static: Static) -> Any:
     return jax.vmap(one)(scenes)
 
 
-def settle_scenes(
-    scenes: Scene,
-    precision: str = "float64",
-    limits: Mapping[str, int] | None = None,
-    **changes: Any,
-) -> Any:
-    """`limits` are switches, `changes` thresholds."""
-    static = make_static(precision=precision, **(limits or {}))  # type: ignore[arg-type]
+def settle_scenes(scenes: Scene, precision: str = "float64", **changes: Any) -> Any:
+    static = make_static(precision=precision)  # type: ignore[arg-type]
     return jax.device_get(settle_all(scenes, thresholds(precision, **changes), static))

@@ -7,7 +7,7 @@ from remind_jax.remind.disambiguation import anchors as rules
 from remind_jax.remind.disambiguation.anchors import Group, Voters
 from tests.statics import make_static
 
-from .scenes import thresholds
+from .scenes import known_pairs, thresholds
 
 pytestmark = pytest.mark.usefixtures("x64")
 choose_anchors = jax.jit(rules.choose_anchors, static_argnums=3)
@@ -61,3 +61,30 @@ def choose(slots, quality, group=(0, 1), **changes):
 )
 def test_choice_of_anchors(slots, quality, changes, chosen):
     assert choose(slots, quality, **changes) == chosen
+
+
+def find(known, matched_slot, *, undecided=(), matched_pass=None, eligible=None, soft_limit=4):
+    known = np.array(known)
+    num, num_objects = known.shape
+    open_pairs = np.ones(known.shape, bool) if eligible is None else np.array(eligible)
+    found = find_voters(
+        np.isin(np.arange(num), undecided),
+        np.array(matched_slot),
+        np.zeros(num, np.int32) if matched_pass is None else np.array(matched_pass),
+        np.ones(num_objects, bool),
+        np.ones(known.shape, bool),
+        known_pairs(known, open_pairs),
+        make_static(soft_anchors=soft_limit),
+        thresholds(),
+    )
+    found = jax.tree.map(lambda field: np.asarray(field)[np.asarray(found.valid)], found)
+    return list(zip(found.slot.tolist(), found.place.tolist(), found.factor.tolist(), strict=True))
+
+
+def test_ties_of_likely_objects():
+    """The higher id among equal objects, the first among equal detections."""
+    assert [entry[:2] for entry in find([[0.8, 0.8], [0.1, 0.8]], [-1, -1])] == [(1, 0)]
+    ranked = find([[0.8, 0.0, 0.0], [0.0, 0.8, 0.0], [0.0, 0.0, 0.9]], [-1] * 3)
+    assert [slot for slot, _, _ in ranked] == [2, 1, 0]
+    assert [slot for slot, _, _ in find(np.eye(6), [-1] * 6)] == [5, 4, 3, 2]
+    assert len(find(np.eye(6), [-1] * 6, soft_limit=0)) == 6

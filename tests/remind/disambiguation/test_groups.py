@@ -1,13 +1,17 @@
+import dataclasses
+
 import jax
 import numpy as np
+import pytest
 
-from remind_jax.remind.disambiguation.groups import form_groups
+from remind_jax.remind.disambiguation.groups import form_groups, measure_affinity
 from tests.statics import make_static
 
 from .scenes import relations_of, thresholds, undecided
 
 NUM_OBJECTS = 6
 _form = jax.jit(form_groups, static_argnames="static")
+_measure = jax.jit(measure_affinity)
 
 
 def edge_table(*edges, num=NUM_OBJECTS):
@@ -60,3 +64,37 @@ def test_repeated_and_missing_candidates():
     gone = form([True] * 3, [[0, 0, -1], [0, 1, 0], [1, 0, -1]], [0] * 3, exists=exists)
     assert gone.fits[1]
     assert not gone.closed[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "factor"),
+    [
+        ({}, 1.0),
+        ({"gap_quality": 0.0}, 0.65),
+        ({"truncated": True}, 0.5),
+        # support 0.5: informative 1 - 0.4, agreement 0.5 + 0.25 * 0.5 instead of 0.75
+        ({"support": 0.5}, 0.6 * 0.625 / 0.75),
+        # touching in 4 of 4 episodes: agreement 1 instead of 0.75
+        ({"contact": 3}, 1.0 / 0.75),
+    ],
+)
+def test_affinity_weighs_what_was_seen(change, factor):
+    """method.md#undecided-groups, one edge in one direction: half its similarity times weight."""
+    relations = relations_of(np.full((2, 2), 0.6, np.float32))
+    for name, value in change.items():
+        old = getattr(relations, name)
+        relations = dataclasses.replace(relations, **{name: np.full_like(old, value)})
+    contact = np.zeros((NUM_OBJECTS, NUM_OBJECTS, 4), np.int32)
+    contact[0, 1, 3] = 4
+    affinity = _measure(
+        np.array([[0], [1]]),
+        np.ones((2, 1), bool),
+        relations,
+        edge_table((0, 1, 0.5, 0.5)),
+        contact,
+        thresholds("float32"),
+    )
+    expected = 0.5 * np.exp(-0.1 / 0.2) * 0.5 * 0.75 * factor
+    # float32 exponential of a difference of two rounded distances
+    np.testing.assert_allclose(affinity[0, 1], expected, rtol=1e-6)
+    np.testing.assert_allclose(affinity[1, 0], expected, rtol=1e-6)

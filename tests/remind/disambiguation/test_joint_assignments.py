@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from remind_jax.errors import ConfigError
 from remind_jax.remind.disambiguation.joint_assignments import (
     NUMBERS,
     AssignmentScores,
@@ -21,6 +22,11 @@ def test_each_leading_choice_occurs_once_and_in_order(rows, columns):
     for used in range(1, rows + 1):
         found = [tuple(row[:used]) for row in table[leading[used]]]
         assert found == list(itertools.permutations(range(columns), used))
+
+
+def test_too_large_groups_are_refused():
+    with pytest.raises(ConfigError, match="group_candidates"):
+        list_injections(7, 9)
 
 
 def settle_rows(*rows, **changes):
@@ -58,3 +64,10 @@ def test_order_of_the_tests(rows, status, best):
     else:
         assert choice == best
         assert numbers["score"] == pytest.approx(rows[best][0])
+
+
+def test_lead_without_a_runner_up():
+    _, _, numbers = settle_rows((0.5, 0.3, 0.5), (-2, 0.0, 0.0))
+    assert numbers["second"] == -1
+    assert numbers["gap"] == numbers["score"]
+    assert numbers["core_gap"] == numbers["core"]

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from remind_jax.masks.relations import find_row_ends, relate_masks
 from remind_jax.observation import MaskRelations, Masks
 from remind_jax.remind.memory.cooccurrence import (
     empty_cooccurrence,
@@ -101,6 +102,89 @@ def read_order(graph: DistanceGraph, owner: Any, first: Any, second: Any) -> Pai
     return PairOrder(count, won / np.maximum(1, count), margin[owner, low, high], deviation)
 
 
+def test_chairs_and_lamp_of_the_page(x64):
+    """method.md#example-lamp, from masks to the edges after seven frames."""
+    rules = arrays(Rules(), jnp.float64)
+    neighbors, graph = empty_cooccurrence(4, jnp.float64), empty_distances(4, jnp.float64)
+
+    @jax.jit
+    def step(neighbors, graph, masks, frame):
+        slot = jnp.arange(3, dtype=jnp.int32)
+        seen = gather_sightings(slot, slot, jnp.ones(3, bool), 4)
+        neighbors, accepted = update_cooccurrence(
+            neighbors,
+            seen,
+            jnp.arange(4, dtype=jnp.int32),
+            frame,
+            make_static(precision="float64"),
+            arrays(Cooccurrence(), jnp.float64),
+        )
+        relations = observe_relations(masks, masks.relations, rules)
+        return neighbors, update_distances(graph, relations, seen, accepted, rules)
+
+    for frame, shift in enumerate([0, 4, -4, 8, 0, 2, -6]):
+        pixels = np.zeros((3, 200, 300), bool)
+        box = np.array([(x, 100, x + 40, 140) for x in (20, 100, 180 + shift)], float)
+        for mask, (left, _, right, _) in zip(pixels, box.astype(int), strict=True):
+            mask[100:140, left:right] = True
+        unused, area = np.zeros(3), np.full(3, 1600.0)
+        ends = [find_row_ends(mask) for mask in pixels]
+        masks = Masks(
+            coverage=unused, filled_coverage=unused, quality=unused, box=box,
+            center=(box[:, :2] + box[:, 2:] - 1) / 2, area=area, class_id=unused,
+            detector_score=unused, relations=relate_masks(pixels, box, area, ends, num_slots=3),
+            valid=np.ones(3, bool),
+        )  # fmt: skip
+        neighbors, graph = step(neighbors, graph, masks, jnp.int32(frame))
+
+    edges = graph.edges
+    np.testing.assert_array_equal(neighbors.episodes, [3, 3, 3, 0])
+    np.testing.assert_array_equal(edges.count[:2, 2], [3, 3])
+    # printed with six decimals; the gaps come from float32 distance transforms
+    np.testing.assert_allclose(edges.gap_mean[:2, 2], [3.033333, 1.010708], atol=2e-6)
+    order = read_order(graph, 2, 0, 1)
+    np.testing.assert_array_equal([order.count, order.first_share], [3, 0])
+    np.testing.assert_allclose(order.margin_mean, 2.022625, atol=2e-6)
+    np.testing.assert_allclose(order.margin_deviation, 0.002598, atol=2e-6)
+
+
+def test_order_statistics_of_the_page():
+    graph = empty_distances(3, jnp.float32)
+    for first, second in [(0.2, 0.5), (0.2, 0.7), (0.3, 0.2), (0.1, 0.5)]:
+        near = relate(symmetric((0, 2, first), (1, 2, second)))
+        graph = update(graph, near, [0, 1, 2], [False, False, True])
+    order = read_order(graph, 2, np.array([0, 1]), np.array([1, 0]))
+    np.testing.assert_array_equal(order.count, [4, 4])
+    np.testing.assert_array_equal(order.first_share, [0.75, 0.25])
+    np.testing.assert_allclose(order.margin_mean, [0.325, 0.325], atol=1e-6)  # float32
+    np.testing.assert_allclose(order.margin_deviation, [0.170783, 0.170783], atol=1e-6)
+
+
+def test_of_equal_distances_the_larger_id_is_nearer():
+    equal = relate(symmetric((0, 1, 0.5), (0, 2, 0.5)))
+    graph = update(empty_distances(3, jnp.float32), equal, [0, 1, 2], [True] * 3)
+    assert (graph.nearer[0, 1, 2], graph.nearer[0, 2, 1]) == (0, 1)
+
+
+def test_episode_empties_everything_that_is_pending():
+    graph = update(empty_distances(4, jnp.float32), relate(np.ones((3, 3))), [0, 1, 2], [False] * 3)
+    np.testing.assert_array_equal(graph.pending.count[0], [0, 1, 1, 0])
+    graph = update(graph, relate(np.ones((3, 3))), [0, 1, 3], [True, False, False])
+    assert not graph.pending.count[0].any()
+    np.testing.assert_array_equal(graph.pending.count[1], [2, 0, 1, 1])
+    # 2 was gone when the episode came
+    np.testing.assert_array_equal(graph.edges.count[0], [0, 1, 0, 1])
+
+
+def test_later_detection_of_an_object_counts():
+    gaps = symmetric((0, 1, 5.0), (0, 2, 7.0), (1, 2, 9.0))
+    for order, expected in (([0, 1, 2], 7.0), ([0, 2, 1], 5.0)):
+        graph = update(
+            empty_distances(2, jnp.float32), relate(gaps), [0, 1, 1], [True] * 3, order=order
+        )
+        assert graph.edges.gap_mean[0, 1] == graph.edges.gap_mean[1, 0] == expected
+
+
 @pytest.mark.parametrize(
     ("allowed", "pending"),
     [
@@ -115,6 +199,22 @@ def test_who_collects_whom(allowed, pending):
         allowed=allowed,
     )  # fmt: skip
     np.testing.assert_array_equal(graph.pending.count, pending)
+
+
+def test_switched_off():
+    graph = update(
+        empty_distances(3, jnp.float32), relate(np.ones((3, 3))), [0, 1, 2], [True] * 3,
+        enabled=False,
+    )  # fmt: skip
+    assert not any(leaf.any() for leaf in jax.tree.leaves(graph))
+
+
+def test_newest_relations_stay_when_there_are_too_many():
+    graph = empty_distances(2, jnp.float32)
+    for gap in [100.0, 1.0, 2.0, 4.0]:
+        graph = update(graph, relate(symmetric((0, 1, gap), num=2)), [0, 1], [False, False])
+    graph = update(graph, relate(symmetric((0, 1, 8.0), num=2)), [0, 1], [True, True])
+    assert graph.edges.gap_mean[0, 1] == 4.0
 
 
 def test_forgotten_object_leaves_no_trace():
