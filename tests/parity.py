@@ -133,7 +133,7 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
         )
         feats = FrameFeats(features, np.array(masks.shape[1:], np.int32))
         given = FrameInput(feats, Packed.of((reduced, None)), thresholds)
-        memory, _, stages = step(memory, given, static)
+        memory, _, stages = step.decide(memory, step.describe(given, static))
         yield frame, kept, feats, reduced, memory.read(), stages, static, config
 
 

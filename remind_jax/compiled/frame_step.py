@@ -96,6 +96,10 @@ class FrameStep:
         """Makes the programs for inputs of such sizes, in whatever thread this is."""
         self._programs(*jax.tree.flatten(frame_input), static)
 
+    def programs(self) -> list[Program]:
+        """Those made so far."""
+        return [one for both in self._prepared.values() for one in (both.describe, both.decide)]
+
     def _programs(self, leaves: list[Any], structure: Any, static: Static) -> _Programs:
         key = (structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves), static)
         found = self._prepared.get(key)
