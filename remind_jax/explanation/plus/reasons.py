@@ -33,14 +33,14 @@ def _explain(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
             f"it goes on with a tracklet of {plural(e.age, 'detection')} that was decided "
             f"{'before' if e.decided_at is None else f'in frame {e.decided_at}'}: {_answer(e)}"
         )
-        if e.id_without_delay is None:
-            yield "since then it passed to another thing more likely than not: no answer is firm"
     else:
         yield _explain_stage(e, t)
         yield from _explain_candidates(e, t)
         yield from _explain_new(e, t)
         yield from _explain_taken(e)
         yield _explain_verdict(e, t)
+    if e.is_decided and e.id_without_delay is None:
+        yield "since then it passed to another thing more likely than not: no answer is firm"
     yield from _explain_revision(e)
 
 

@@ -12,7 +12,9 @@ import pytest
 import remind_jax as rj
 from remind_jax.cli.main import main
 from remind_jax.decision import Outcome
+from remind_jax.explanation.plus.reasons import give_reasons
 from remind_jax.plus.evidence import Evidence
+from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Stage
 from tests.plus.test_method import pan_frames
 
@@ -62,6 +64,14 @@ def test_every_stage_is_explained_and_fits_the_answer(explained):
         assert ("that was decided in frame" in text) == (one.stage == Stage.SETTLED)
         if one.stage == Stage.OPEN:
             assert ("Not decided yet and" in text) == (one.object_id is None)
+
+
+def test_what_passed_to_another_thing_is_told(explained):
+    decided = next(one for one in explained if one.stage == Stage.SETTLED)
+    assert not any("passed to another thing" in text for text in decided.why)
+    doubtful = dataclasses.replace(decided, id_without_delay=None)
+    told = give_reasons(doubtful, PlusThresholds())
+    assert any("passed to another thing" in text for text in told)
 
 
 def test_the_frame_in_which_a_tracklet_was_decided_is_named(explained):
