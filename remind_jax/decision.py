@@ -67,7 +67,7 @@ class Reason(enum.IntEnum):
     INVALID_INPUT = 17
     KNOWN_BUT_HELD_BY_BETTER_MATCH = 18
     SEEN_TOO_FEW_TIMES = 19  # it has an identity, which is not announced (yet)
-    DOUBLE = 20  # a better detection of the same class overlaps it
+    DOUBLE = 20  # another detection shows the same thing
 
 
 @jax.tree_util.register_dataclass

@@ -15,6 +15,7 @@ from remind_jax.plus.state import Scene
 from remind_jax.plus.static import NAME_ROWS
 
 ASSUMED_SAMPLES = 20.0  # detections that what is assumed of names counts for
+LEAST_SEEN = 0.05  # log odds beyond what is assumed: more than rounding makes of it
 
 
 def confusion_odds(scene: Scene, t: th.Names) -> Float[Array, "L L"]:
@@ -37,6 +38,11 @@ def name_odds(
     """Log odds of each two class numbers to be of one thing; 0 for the same."""
     found = confused[_row_of(left)[:, None], _row_of(right)[None, :]]
     return jnp.where(left[:, None] == right[None, :], 0.0, found)
+
+
+def least_seen(t: th.Names) -> Float[Array, ""]:
+    """Log odds above which the detector was seen to change between two names."""
+    return jnp.log(t.confused) + LEAST_SEEN
 
 
 def learn_names(

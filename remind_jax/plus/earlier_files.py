@@ -38,6 +38,7 @@ NEW_LEAVES = (
     "objects.visits",
     "tracklets.class_lead",
     "tracklets.duration",
+    "tracklets.last_class",
     "tracklets.trust",
     "tracklets.unseen",
     "scene.links",

@@ -16,6 +16,7 @@ from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
+from remind_jax.plus.cropping import Cropped, find_cropped
 from remind_jax.plus.evidence import (
     COSINE_DECAY,
     COSINE_VARIANCE,
@@ -43,6 +44,7 @@ DISTANCE_MAX = 4.0  # relative distances count up to here
 DISTANCE_SLACK = 0.12  # added to the scale of distances per tick unseen, length
 LOOK_MIDDLE = 0.4  # cosine that says nothing
 SIZE_LOSS = 0.5  # per log ratio of sizes, log odds
+CROPPED_ODDS = 0.5  # share of what look and name say where the box is cropped: they change with it
 TRUST_SLOPE = 2.0  # log odds of one link beside another per difference of scores
 # Looks that contradict.
 UNLIKE = 1.5  # most loss where the image motion is believed, log odds
@@ -60,6 +62,7 @@ class Links:
     center: Float[Array, "T 2"]
     score: Float[Array, "N T"]
     possible: Bool[Array, "N T"]
+    cropped: Cropped
 
 
 def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
@@ -142,8 +145,7 @@ def score_links(
     cosine: Float[Array, "N T"],
     look_odds: Float[Array, "N T"],
     tick: Float[Array, ""],
-    t: th.Linking,
-    mobile: th.Mobility,
+    t: th.PlusThresholds,
 ) -> Links:
     """How well each detection goes on with each tracklet, and where it may at all.
 
@@ -154,7 +156,6 @@ def score_links(
       look_odds: Log odds that these are looks and names of one object, as far as they count.
       tick: Time since the last frame, one tick at most.
       t: Weights.
-      mobile: What own movement is.
     """
     gap = tracklets.unseen + tick
     offset = sightings.center[:, None] - tracklets.center[None]
@@ -163,18 +164,21 @@ def score_links(
     relative = jnp.minimum(distance / (scale + DISTANCE_SLACK * gap), DISTANCE_MAX)
     log_ratio = jnp.abs(log_ratios(sightings.size, tracklets.size))
     # What moves may be anywhere after a while; what stands still is where it was.
-    moves = mobility(speed_of(tracklets), mobile)
+    moves = mobility(speed_of(tracklets), t.mobility)
+    overlap = _overlap(sightings.box, tracklets.box)
+    geometry = t.linking.overlap * overlap - t.linking.distance * relative - SIZE_LOSS * log_ratio
+    cropped = find_cropped(tracklets, sightings, overlap, t.names)
+    odds = jnp.minimum(look_odds, 0.0)
     score = (
-        t.overlap * _overlap(sightings.box, tracklets.box)
+        jnp.where(cropped.is_pair, t.linking.overlap * cropped.overlap, geometry)
         - 1.0
-        - t.distance * relative
-        + t.look * (cosine - LOOK_MIDDLE)
-        + jnp.minimum(look_odds, 0.0)
-        - t.missed * jnp.log2(jnp.maximum(gap, 1.0)) * moves
-        - SIZE_LOSS * log_ratio
+        + t.linking.look * (cosine - LOOK_MIDDLE)
+        + jnp.where(cropped.is_pair, CROPPED_ODDS * odds, odds)
+        - t.linking.missed * jnp.log2(jnp.maximum(gap, 1.0)) * moves
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
-    return Links(tracklets.box, tracklets.center, score, possible & (score > t.least))
+    possible &= score > t.linking.least
+    return Links(tracklets.box, tracklets.center, score, possible, cropped)
 
 
 def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
@@ -215,6 +219,7 @@ def advance_tracklets(
     frame: Int[Array, ""],
     next_id: Int[Array, ""],
     counts: Bool[Array, "N"],
+    cropped: Bool[Array, "N"],
     elapsed: Float[Array, ""],
     shift: Float[Array, ""],
     doubt: Float[Array, ""],
@@ -229,6 +234,7 @@ def advance_tracklets(
       frame: Number of this frame.
       next_id: Next free id.
       counts: Detections that count: those of a tick, and first ones.
+      cropped: Those that are cropped beside their tracklet, or whole again: its looks begin anew.
       elapsed: Ticks since the last frame.
       shift: How far the image moved since the last frame.
       doubt: How little that is believed, [0, 1].
@@ -249,20 +255,22 @@ def advance_tracklets(
     has_ring = sightings.has_ring & counts
     ring_count = jnp.where(linked, old.ring_count, 0) + has_ring
 
-    def go_on(before: Array, first: Array | float) -> Array:
-        return jnp.where(linked.reshape(-1, *[1] * (before.ndim - 1)), before, first)
+    def go_on(before: Array, first: Array | float, goes_on: Bool[Array, "N"] = linked) -> Array:
+        return jnp.where(goes_on.reshape(-1, *[1] * (before.ndim - 1)), before, first)
 
     # Looks and backgrounds are running means; the first look stays.
-    look, ring = go_on(old.look, sightings.look), go_on(old.ring, 0.0)
+    same = linked & ~cropped
+    look, ring = go_on(old.look, sightings.look, same), go_on(old.ring, 0.0)
     step = sightings.look - look
     look_rate = 1.0 / jnp.clip(age, 1, SMOOTHING) * (linked & counts)
     ring_rate = 1.0 / jnp.clip(ring_count, 1, SMOOTHING) * has_ring
-    movement = follow_movement(old, linked, sightings, tick, shift, doubt, t)
+    movement = follow_movement(old, same, sightings, tick, shift, doubt, t)
     here = Tracklets(
         alive=sightings.valid,
         id=go_on(old.id, next_id + count_before(starts)),
         class_id=go_on(class_id, sightings.class_id),
         class_lead=go_on(lead, 1),
+        last_class=sightings.class_id,
         slot=go_on(old.slot, NO_SLOT),
         last=jnp.full(num, frame, jnp.int32),
         unseen=jnp.zeros(num, jnp.float32),
@@ -276,7 +284,7 @@ def advance_tracklets(
         num_moves=movement.num_moves,
         image_shift=movement.image_shift,
         look=look + look_rate[:, None] * step,
-        first_look=go_on(old.first_look, sightings.look),
+        first_look=go_on(old.first_look, sightings.look, same),
         ring=ring + ring_rate[:, None] * (sightings.ring - ring),
         ring_count=ring_count,
         belief=go_on(old.belief, 0.0),

@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.archive import NO_PARTNERS, Resting
-from remind_jax.plus.class_names import confusion_odds, name_odds
+from remind_jax.plus.class_names import confusion_odds, least_seen, name_odds
 from remind_jax.plus.decision import LEAST_NEWNESS
 from remind_jax.plus.evidence import (
     FREE_RIVALS,
@@ -125,7 +125,7 @@ def _find_candidates(here: Side, there: Side, scene: Scene, t: th.Names) -> _Can
     names = np.asarray(name_odds(*kinds, confusion_odds(scene, t)))
     for one_class, name in zip(asked_classes, names, strict=True):
         # Others are asked only where the detector was seen to change between both names.
-        rows = np.flatnonzero((name > np.log(t.confused))[class_of])
+        rows = np.flatnonzero((name > least_seen(t))[class_of])
         if not len(rows):
             continue
         name_of_row = name[class_of[rows]]

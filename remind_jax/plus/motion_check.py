@@ -58,9 +58,7 @@ def check_motion(
 
     def follow(hypothesis: Motion) -> Links:
         carried = carry(tracklets, hypothesis, t.mobility)
-        return score_links(
-            carried, sightings, cosine, look_odds, tick_of(motion.elapsed), t.linking, t.mobility
-        )
+        return score_links(carried, sightings, cosine, look_odds, tick_of(motion.elapsed), t)
 
     def support(hypothesis: Motion) -> Float[Array, ""]:
         links = follow(hypothesis)

@@ -84,6 +84,7 @@ class Tracklets:
     id: Int[Array, "T"]  # what it would be called as a new object
     class_id: Int[Array, "T"]
     class_lead: Int[Array, "T"]  # detections by which that class leads
+    last_class: Int[Array, "T"]  # of the last detection
     slot: Int[Array, "T"]  # its object once decided, NO_SLOT while open
     last: Int[Array, "T"]  # frame
     unseen: Float[Array, "T"]  # ticks since then
@@ -246,6 +247,7 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         id=_whole(num, value=NO_ID),
         class_id=_whole(num, value=NO_ID),
         class_lead=_whole(num),
+        last_class=_whole(num, value=NO_ID),
         slot=_whole(num, value=NO_SLOT),
         last=_whole(num, value=LONG_AGO),
         unseen=_real(num),

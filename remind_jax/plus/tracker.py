@@ -13,12 +13,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.decision import Outcome, Overflow
+from remind_jax.decision import Outcome, Overflow, Reason
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
 from remind_jax.plus import clock
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
+from remind_jax.plus.cropping import find_second
 from remind_jax.plus.decision import decide, learn_newness
 from remind_jax.plus.evidence import (
     Shortlist,
@@ -153,6 +154,9 @@ def _advance(
     carried = dataclasses.replace(state.tracklets, box=links.box, center=links.center)
     # Which detection goes on with which tracklet?
     origin = link(links, t.linking)
+    second = find_second(sightings, origin, confused, t.names)
+    sightings = dataclasses.replace(sightings, valid=sightings.valid & ~second)
+    cropped = links.cropped.at(origin)
     counts = sightings.valid & (is_tick | (origin == NO_SLOT))
     tracklets, next_id, change = advance_tracklets(
         carried,
@@ -161,6 +165,7 @@ def _advance(
         frame,
         state.next_id,
         counts,
+        cropped,
         motion.elapsed,
         shift_of(motion, sightings.frame_center),
         doubt_of(motion),
@@ -175,8 +180,9 @@ def _advance(
     )
     # Which differences of looks matter in this scene?
     share = jnp.where(counts, share_of(here, objects), 0.0)
-    scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, share, frame)
-    scene = learn_links(scene, state.tracklets, likeness, origin, share)
+    alike = jnp.where(cropped, NO_SLOT, origin)
+    scene = learn_scatter(state.scene, sightings, change, alike != NO_SLOT, share, frame)
+    scene = learn_links(scene, state.tracklets, likeness, alike, share)
     before = jnp.maximum(origin, 0)
     goes_on = (origin != NO_SLOT) & state.tracklets.just_seen[before]
     scene = learn_names(
@@ -209,6 +215,8 @@ def _advance(
     decisions = report(
         verdicts, weighed.belief, moves, here, present, sightings, static, t.decision
     )
+    reason = jnp.where(second, int(Reason.DOUBLE), decisions.reason)
+    decisions = dataclasses.replace(decisions, reason=reason)
     # What does that teach?
     scene, objects = learn_newness(scene, objects, choice, here.class_id)
     ended = find_ended(tracklets, t.decision)

@@ -91,10 +91,11 @@ def note_omissions(
     if bad := int(decisions.num_bad_patches):
         message = f"{bad} patches were left out for a feature that is not finite"
         omitted.append(Event(index, "features", message))
-    if doubles := int(np.sum(prepared.is_double)):
+    is_second = np.asarray(decisions.reason[:num]) == Reason.DOUBLE
+    if doubles := int(np.sum(prepared.is_double | is_second)):
         message = (
-            f"left out as overlapping a better one of the class: {plural(doubles, 'detection')}; "
-            "see input.double_overlap"
+            f"left out as second ones of one thing: {plural(doubles, 'detection')}; "
+            "see input.double_overlap and names.cropped"
         )
         omitted.append(Event(index, "double", message))
     used = np.asarray(prepared.masks.valid[:num]) | prepared.is_double

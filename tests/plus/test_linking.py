@@ -15,6 +15,7 @@ from remind_jax.plus.class_names import confusion_odds, name_odds
 from tests.plus.frames import TICK, T, detections, empty_state, motion, tracklets_of
 
 ROOM = 8
+NOTHING = np.zeros(3, bool)
 SCENE = empty_state().scene
 carry, advance_tracklets = jax.jit(linking.carry), jax.jit(linking.advance_tracklets)
 
@@ -22,7 +23,7 @@ carry, advance_tracklets = jax.jit(linking.carry), jax.jit(linking.advance_track
 @jax.jit
 def join(seen, tracklets, cosine=np.ones((3, ROOM), np.float32)):  # noqa: B008
     names = name_odds(seen.class_id, tracklets.class_id, confusion_odds(SCENE, T.names))
-    links = linking.score_links(tracklets, seen, cosine, names, TICK, T.linking, T.mobility)
+    links = linking.score_links(tracklets, seen, cosine, names, TICK, T)
     return linking.link(links, T.linking)
 
 
@@ -59,7 +60,7 @@ def test_looks_decide_where_two_lie_alike():
 @jax.jit
 def trust(seen, tracklets, origin):
     odds = jnp.zeros((3, ROOM))
-    links = linking.score_links(tracklets, seen, odds + 1, odds, TICK, T.linking, T.mobility)
+    links = linking.score_links(tracklets, seen, odds + 1, odds, TICK, T)
     return linking.trust_links(links, origin, T.linking)
 
 
@@ -97,8 +98,8 @@ def test_looks_are_smoothed_and_new_tracklets_are_numbered():
     now = dataclasses.replace(before, look=before.look + 1.0)
     origin = jnp.array([0, NO_SLOT, 2])
     after, next_id, step = advance_tracklets(
-        tracklets, now, origin, jnp.int32(1), jnp.int32(7), now.valid, TICK, jnp.float32(0),
-        jnp.float32(1), T.mobility,
+        tracklets, now, origin, jnp.int32(1), jnp.int32(7), now.valid, NOTHING, TICK,
+        jnp.float32(0), jnp.float32(1), T.mobility,
     )  # fmt: skip
     assert after.age[:3].tolist() == [2, 1, 2]
     assert after.id[:3].tolist() == [0, 7, 2]
@@ -121,6 +122,7 @@ def test_a_missed_tracklet_may_resume_for_some_ticks(missed, waits):
         jnp.int32(missed + 1),
         jnp.int32(3),
         nothing.valid,
+        NOTHING,
         TICK,
         jnp.float32(0),
         jnp.float32(1),

@@ -58,6 +58,7 @@ def follow(
             jnp.int32(frame),
             jnp.int32(9),
             seen.valid,
+            np.zeros(3, bool),
             TICK,
             jnp.float32(shift),
             jnp.float32(doubt),
@@ -182,7 +183,7 @@ def test_an_unlinked_detection_begins_at_rest():
     tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
     fresh, _, _ = advance_tracklets(
         tracklets, detections(START), jnp.full(3, NO_SLOT), jnp.int32(12), jnp.int32(9),
-        jnp.ones(3, bool), TICK, jnp.float32(0), jnp.float32(1), T.mobility,
+        jnp.ones(3, bool), np.zeros(3, bool), TICK, jnp.float32(0), jnp.float32(1), T.mobility,
     )  # fmt: skip
     assert not fresh.drift[:3].any()
     assert not fresh.num_moves[:3].any()

@@ -23,7 +23,7 @@ def _explain(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     """The same without capital and full stop."""
     if e.stage == Stage.NONE:
         yield (
-            "a better detection of the same class overlaps it, so it is left out"
+            "another detection shows the same thing, so it is left out"
             if e.reason == Reason.DOUBLE
             else "it shows too little of anything to be described and is left out"
         )

@@ -1,0 +1,86 @@
+"""One thing that a detector shows as two: whole under one name, cropped under another.
+
+Rule: method_plus.md#cropped. Letters: `N` detections, `T` tracklets, `L` rows of classes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.class_names import least_seen, name_odds
+from remind_jax.plus.observation import Sightings
+from remind_jax.plus.plane import area_of
+from remind_jax.plus.state import Tracklets
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Cropped:
+    """Detections whose box is that of a tracklet, cropped at one side, under another name."""
+
+    is_pair: Bool[Array, "N T"]
+    overlap: Float[Array, "N T"]  # intersection over union once both are cropped
+
+    def at(self, origin: Int[Array, "N"]) -> Bool[Array, "N"]:
+        """Detections that go on with such a tracklet."""
+        found = jnp.take_along_axis(self.is_pair, jnp.maximum(origin, 0)[:, None], axis=1)[:, 0]
+        return (origin != NO_SLOT) & found
+
+
+def find_cropped(
+    tracklets: Tracklets, sightings: Sightings, overlap: Float[Array, "N T"], t: th.Names
+) -> Cropped:
+    """Which detections may be tracklets of the frame before, cropped or whole again.
+
+    Args:
+      tracklets: Tracklets, carried to this frame.
+      sightings: Detections.
+      overlap: Intersection over union of their boxes as they are.
+      t: How alike the boxes must be.
+    """
+    cropped = cropped_overlap(sightings.box, tracklets.box)
+    renamed = sightings.class_id[:, None] != tracklets.last_class
+    differs = (overlap < t.cropped) & (cropped >= t.cropped)
+    return Cropped(renamed & tracklets.just_seen & differs, cropped)
+
+
+def find_second(
+    sightings: Sightings, origin: Int[Array, "N"], confused: Float[Array, "L L"], t: th.Names
+) -> Bool[Array, "N"]:
+    """Detections of what another one of this frame shows already.
+
+    Those that go on with no tracklet, beside one that does whose box is the same but for one side,
+    where the detector was seen to change between their names.
+
+    Args:
+      sightings: Detections.
+      origin: The tracklet that each of them goes on with.
+      confused: Log odds that one thing has both names (`confusion_odds`).
+      t: How alike the boxes must be.
+    """
+    names = sightings.class_id
+    linked = sightings.valid & (origin != NO_SLOT)
+    one_thing = cropped_overlap(sightings.box, sightings.box) >= t.cropped
+    one_thing &= (name_odds(names, names, confused) > least_seen(t)) & linked
+    one_thing &= names[:, None] != names
+    return sightings.valid & (origin == NO_SLOT) & jnp.any(one_thing, axis=1)
+
+
+def cropped_overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:
+    """Largest intersection over union of two boxes, both cropped at one side to what they share."""
+    left, right = jnp.broadcast_arrays(left[:, None, None], right[None, :, None])
+    low = jnp.maximum(left[..., :2], right[..., :2])
+    high = jnp.minimum(left[..., 2:], right[..., 2:])
+    shared = jnp.concatenate([low, high], axis=-1)
+    side = jnp.eye(4, dtype=bool)
+    areas = [
+        area_of(jnp.maximum(box[..., 2:] - box[..., :2], 0.0))
+        for box in (shared, *(jnp.where(side, shared, box) for box in (left, right)))
+    ]
+    return jnp.max(areas[0] / jnp.maximum(areas[1] + areas[2] - areas[0], 1e-6), axis=-1)

@@ -1,0 +1,118 @@
+"""One thing that a detector shows whole under one name and cropped under another."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from remind_jax.decision import Outcome, Reason
+from remind_jax.numerics.absent import NO_ID, NO_SLOT
+from remind_jax.plus import linking
+from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
+from remind_jax.plus.cropping import cropped_overlap, find_second
+from remind_jax.plus.thresholds import PlusThresholds
+from tests.plus.frames import TICK, T, detections, empty_state, tracklets_of
+from tests.plus.walls import Walk, follow, pan
+
+CHAIR, SINK = 0, 1
+WHOLE, TOP = [2.0, 1.0, 3.0, 3.0], [2.0, 1.0, 3.0, 1.6]
+
+
+def test_boxes_are_one_where_both_are_cropped_at_one_side():
+    boxes = np.array([WHOLE, TOP, [2, 2.4, 3, 3], [2, 1, 2.5, 1.6], [5, 5, 6, 6]], np.float32)
+    found = cropped_overlap(boxes, boxes)
+    np.testing.assert_allclose(found, found.T)
+    # One side cropped; a corner; two sides, of which one may be: 0.6 by 0.6 of 2; apart.
+    np.testing.assert_allclose(found[0], [1, 1, 1, 0.5, 0], atol=1e-6)
+
+
+def _chair(named: int = SINK, box=TOP):
+    """A chair that was seen, and what is seen in its place now: another look and box."""
+    center = [[2.5, 2.0], [5, 4], [1, 4]]
+    before = detections(center, box=np.array([WHOLE, [4, 4, 5, 5], [0, 4, 1, 5]], np.float32))
+    look = np.eye(3, dtype=np.float32)[[1, 0, 2]]
+    boxes = before.box.copy()
+    boxes[0] = box
+    now = dataclasses.replace(
+        before, box=boxes, look=look, class_id=np.array([named, 0, 0], np.int32),
+        valid=np.array([True, False, False]),
+    )  # fmt: skip
+    return before, now
+
+
+def _link(now, tracklets, names=T.names):
+    odds = name_odds(now.class_id, tracklets.class_id, confusion_odds(empty_state().scene, names))
+    unlike = odds - linking.UNLIKE
+    thresholds = dataclasses.replace(T, names=names)
+    links = linking.score_links(tracklets, now, jnp.zeros((3, 8)), unlike, TICK, thresholds)
+    origin = linking.link(links, T.linking)
+    return int(origin[0]), bool(links.cropped.at(origin)[0])
+
+
+def test_a_cropped_box_goes_on_under_another_name_where_the_tracklet_was_just_seen():
+    before, now = _chair()
+    tracklets = tracklets_of(before, 0, 8, last_class=np.full(8, CHAIR))
+    assert _link(now, tracklets) == (0, True)
+    unseen = dataclasses.replace(tracklets, unseen=np.full(8, 2.0, np.float32))
+    assert _link(now, unseen) == (NO_SLOT, False)
+    none = dataclasses.replace(T.names, cropped=jnp.float32(1.1))
+    assert _link(now, tracklets, none) == (NO_SLOT, False)
+    beside = _chair(box=[2.4, 1.0, 3.4, 1.6])[1]
+    assert _link(beside, tracklets) == (NO_SLOT, False)
+
+
+def test_what_another_detection_shows_is_left_out_once_its_name_was_seen_to_change():
+    seen = detections(
+        [[2.5, 2.0], [2.5, 1.3], [5, 4]],
+        box=np.array([WHOLE, TOP, [4, 4, 5, 5]], np.float32),
+        class_id=np.array([CHAIR, SINK, CHAIR], np.int32),
+    )
+    scene, origin = empty_state().scene, jnp.array([0, NO_SLOT, NO_SLOT])
+    assumed = confusion_odds(scene, T.names)
+    assert not find_second(seen, origin, assumed, T.names).any()
+    scene = learn_names(scene, jnp.array([SINK]), jnp.array([CHAIR]), jnp.ones(1))
+    told = confusion_odds(scene, T.names)
+    assert find_second(seen, origin, told, T.names).tolist() == [False, True, False]
+    # Both go on with tracklets, or none does.
+    assert not find_second(seen, jnp.array([0, 1, 2]), told, T.names).any()
+    assert not find_second(seen, jnp.full(3, NO_SLOT), told, T.names).any()
+
+
+def _takes_turns() -> Walk:
+    """A still camera; a thing whole in five frames, cropped in the next; both in two."""
+    walk = pan()
+    frame = jax.tree.map(lambda leaf: np.repeat(leaf[:1], 40, axis=0), walk.sightings)
+    still = jax.tree.map(lambda leaf: np.repeat(leaf[:1], 40, axis=0), walk.motion)
+    valid, shown = frame.valid.copy(), np.arange(40) // 5 % 2
+    valid[:, 2:] = False
+    valid[[7, 33], 2] = True
+    for slot, is_top in ((0, shown), (2, 1 - shown)):
+        top = is_top == 1
+        frame.box[:, slot] = np.where(top[:, None], TOP, WHOLE)
+        frame.center[:, slot] = np.where(top[:, None], (2.5, 1.3), (2.5, 2.0))
+        frame.size[:, slot] = np.where(top, 0.77, 1.41)
+        frame.class_id[:, slot] = np.where(top, SINK, CHAIR)
+        frame.look[:, slot] = 3.0
+        frame.look[np.arange(40), slot, is_top] += 2.0
+    frame.box[:, 1], frame.center[:, 1] = [5, 3, 6, 4], [5.5, 3.5]
+    noise = np.random.default_rng(0).normal(0, 0.1, frame.look.shape).astype(np.float32)
+    sightings = dataclasses.replace(frame, valid=valid, look=frame.look + noise)
+    return Walk(sightings, still, np.zeros((40, 6), int))
+
+
+def test_boxes_that_take_turns_are_one_object_which_neither_moves_nor_changes_its_look():
+    state, verdicts, decisions, _ = follow(_takes_turns())
+    assert len(set(verdicts.answer_id[:, 0].tolist())) == 1
+    assert int(state.objects.exists.sum()) == 2
+    second = decisions.outcome[[7, 33], 2], decisions.reason[[7, 33], 2]
+    assert np.all(second[0] == Outcome.DROPPED)
+    assert np.all(second[1] == Reason.DOUBLE)
+    assert (decisions.object_id[:, 2] == NO_ID).all()
+    assert float(np.abs(state.tracklets.drift[0]).max()) < 0.01
+    # Without, what changes its name is two objects.
+    none = PlusThresholds()
+    none = dataclasses.replace(none, names=dataclasses.replace(none.names, cropped=2.0))
+    assert len(set(follow(_takes_turns(), none)[1].answer_id[:, 0].tolist())) == 2
