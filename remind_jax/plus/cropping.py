@@ -18,6 +18,8 @@ from remind_jax.plus.observation import Sightings
 from remind_jax.plus.plane import area_of
 from remind_jax.plus.state import Tracklets
 
+CROPPED_ODDS = 0.65  # share of what look and name say of a link: they change with the outline
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)

@@ -16,7 +16,7 @@ from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
-from remind_jax.plus.cropping import Cropped, find_cropped
+from remind_jax.plus.cropping import CROPPED_ODDS, Cropped, find_cropped
 from remind_jax.plus.evidence import (
     COSINE_DECAY,
     COSINE_VARIANCE,
@@ -44,7 +44,6 @@ DISTANCE_MAX = 4.0  # relative distances count up to here
 DISTANCE_SLACK = 0.12  # added to the scale of distances per tick unseen, length
 LOOK_MIDDLE = 0.4  # cosine that says nothing
 SIZE_LOSS = 0.5  # per log ratio of sizes, log odds
-CROPPED_ODDS = 0.5  # share of what look and name say where the box is cropped: they change with it
 TRUST_SLOPE = 2.0  # log odds of one link beside another per difference of scores
 # Looks that contradict.
 UNLIKE = 1.5  # most loss where the image motion is believed, log odds
