@@ -187,7 +187,9 @@ def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
     return assign_in_graph(links.score, links.possible, one_group, alone, jnp.array(True))
 
 
-def trust_links(links: Links, origin: Int[Array, "N"], t: th.Linking) -> Float[Array, "N"]:
+def trust_links(
+    links: Links, origin: Int[Array, "N"], t: th.Linking
+) -> tuple[Float[Array, "N"], Float[Array, "T"]]:
     """How probable each link is beside those with another tracklet; 1 where there is none.
 
     Rule: method_plus.md#answers. What goes on with that tracklet goes on with this one instead, or
@@ -197,6 +199,10 @@ def trust_links(links: Links, origin: Int[Array, "N"], t: th.Linking) -> Float[A
       links: All that may go on.
       origin: The tracklet that each detection goes on with.
       t: Weights.
+
+    Returns:
+      That of each detection; and how probable it is that what a waiting tracklet shows did not go
+      on with another one, 1 where it does not wait.
     """
     num = links.score.shape[1]
     linked, at = origin != NO_SLOT, jnp.maximum(origin, 0)[:, None]
@@ -205,10 +211,11 @@ def trust_links(links: Links, origin: Int[Array, "N"], t: th.Linking) -> Float[A
     own = jnp.take_along_axis(links.score, at, axis=1)
     exchanged = jnp.maximum(links.score[by, at], t.least)
     lost = own + jnp.where(holder != NO_ROW, own[by, 0] - exchanged, 0.0)
-    others = links.possible & (jnp.arange(num) != at)
-    odds = jnp.exp(TRUST_SLOPE * jnp.minimum(links.score - lost, 0.0))
-    wrong = jnp.sum(jnp.where(others, odds, 0.0), axis=1)
-    return jnp.where(linked, 1.0 / (1.0 + wrong), 1.0)
+    others = links.possible & linked[:, None] & (jnp.arange(num) != at)
+    odds = jnp.exp(TRUST_SLOPE * jnp.minimum(links.score - lost, 0.0)) * others
+    trust = 1.0 / (1.0 + jnp.sum(odds, axis=1))
+    elsewhere = jnp.minimum(jnp.sum(odds * trust[:, None], axis=0), 1.0)
+    return trust, jnp.where(holder == NO_ROW, 1.0 - elsewhere, 1.0)
 
 
 def advance_tracklets(

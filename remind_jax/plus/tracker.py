@@ -11,7 +11,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Outcome, Overflow, Reason
 from remind_jax.numerics.absent import NO_SLOT
@@ -157,9 +157,10 @@ def _advance(
     second = find_second(sightings, origin, confused, t.names)
     sightings = dataclasses.replace(sightings, valid=sightings.valid & ~second)
     cropped = links.cropped.at(origin)
+    link_trust, wait_trust = trust_links(links, origin, t.linking)
     counts = sightings.valid & (is_tick | (origin == NO_SLOT))
     tracklets, next_id, change = advance_tracklets(
-        carried,
+        _trusted(carried, wait_trust),
         sightings,
         origin,
         frame,
@@ -171,13 +172,7 @@ def _advance(
         doubt_of(motion),
         t.mobility,
     )
-    here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
-    link_trust = trust_links(links, origin, t.linking)
-    here = dataclasses.replace(
-        here,
-        belief=here.belief * link_trust,
-        trust=jnp.where(here.slot == NO_SLOT, 1.0, here.trust * link_trust),
-    )
+    here = _trusted(jax.tree.map(lambda leaf: leaf[:num], tracklets), link_trust)
     # Which differences of looks matter in this scene?
     share = jnp.where(counts, share_of(here, objects), 0.0)
     alike = jnp.where(cropped, NO_SLOT, origin)
@@ -274,6 +269,15 @@ def _advance(
         overflow=Overflow(objects=jnp.int32(0), pending=jnp.int32(0)),
     )
     return after, verdicts
+
+
+def _trusted(tracklets: Tracklets, probability: Float[Array, "T"]) -> Tracklets:
+    """Tracklets that show what they showed before as probably as that."""
+    return dataclasses.replace(
+        tracklets,
+        belief=tracklets.belief * probability,
+        trust=jnp.where(tracklets.slot == NO_SLOT, 1.0, tracklets.trust * probability),
+    )
 
 
 def _settle(
