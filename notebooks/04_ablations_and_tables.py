@@ -135,9 +135,8 @@ Markdown(undecided.to_markdown())
 # The same tables can be saved for a paper:
 
 # %%
-for ending in ("tex", "csv", "md"):
+for ending in ("csv", "md"):
     table.save(work / f"comparison.{ending}")
-print((work / "comparison.tex").read_text()[:420], "...")
 
 # %% [markdown]
 # ## The paper's numbers

@@ -11,7 +11,7 @@ from remind_jax.files import make_folder
 from remind_jax.metrics.columns import Column
 from remind_jax.metrics.comparison import ComparisonTable, Row
 
-FORMATS = (".md", ".csv", ".tex", ".txt")
+FORMATS = (".md", ".csv", ".txt")
 
 _MAIN: tuple[str | Column, ...] = (
     "IDF1",
@@ -94,7 +94,7 @@ def list_failures(runs: Sequence[Scored]) -> list[str]:
 
 
 def save_tables(tables: Mapping[str, ComparisonTable], folder: Path) -> list[Path]:
-    """Writes every table as Markdown, CSV, LaTeX and text."""
+    """Writes every table as Markdown, CSV and text."""
     make_folder(folder)
     written = []
     for name, table in tables.items():

@@ -69,7 +69,7 @@ class Eval:
     # also score every class apart (in --json), where both sides name classes
     by_class: bool = False
     json: Path | None = None  # also write every field to this file
-    # also write the table: .md, .csv, .tex, .txt
+    # also write the table: .md, .csv, .txt
     table: Annotated[UseAppendAction[tuple[tuple[Path, ...], ...]], arg(metavar="FILE ...")] = ()
     resamples: int = 1000  # draws of the bootstrap intervals in tables; 0 for none
     quiet: bool = False  # print no table

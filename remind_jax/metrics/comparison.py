@@ -1,4 +1,4 @@
-"""Many methods, one table: for the terminal, Markdown, CSV and LaTeX."""
+"""Many methods, one table: for the terminal, Markdown and CSV."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from remind_jax.errors import OutputError
+from remind_jax.files import writing
 from remind_jax.files.csv_cells import write_row
 from remind_jax.metrics.columns import Column, Row, column_of, is_best
 from remind_jax.printing.small_table import Printable, SmallTable
@@ -23,14 +24,6 @@ from remind_jax.printing.terminal import (
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-
-_LATEX_ESCAPES = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    **{char: "\\" + char for char in "&%$#_{}"},
-}
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -112,37 +105,8 @@ class ComparisonTable(Printable):
             write_row(out, [*cells, row.note])
         return out.getvalue()
 
-    def to_latex(self) -> str:
-        """A `table` environment for the `booktabs` package; the legend becomes the caption."""
-        interval = r"{} {{\scriptsize ({})}}"
-        head, *lines = (
-            "    " + " & ".join(line) + r" \\"
-            for line in self._cells(_latex, r"\textbf{{{}}}", interval)
-        )
-        caption = " ".join(
-            sentence if sentence.endswith((".", "!", "?")) else sentence + "."
-            for sentence in ([self.title] if self.title else []) + list(self.legend)
-        )
-        columns = "l" + "r" * len(self.columns) + ("l" if self._has_notes else "")
-        return "\n".join(
-            [
-                r"\begin{table}",
-                r"  \centering",
-                *([rf"  \caption{{{_latex(caption)}}}"] if caption else []),
-                rf"  \begin{{tabular}}{{{columns}}}",
-                r"    \toprule",
-                head,
-                r"    \midrule",
-                *lines,
-                r"    \bottomrule",
-                r"  \end{tabular}",
-                r"\end{table}",
-                "",
-            ]
-        )
-
     def save(self, path: str | Path) -> None:
-        """Writes the table in the format of the name's ending: .md, .csv, .tex or .txt.
+        """Writes the table in the format of the name's ending: .md, .csv or .txt.
 
         Raises:
           OutputError: If the ending is another one or the file cannot be written.
@@ -151,15 +115,14 @@ class ComparisonTable(Printable):
         render = {
             ".md": self.to_markdown,
             ".csv": self.to_csv,
-            ".tex": self.to_latex,
             ".txt": self.to_text,
         }.get(path.suffix.lower())
         if render is None:
             raise OutputError(
-                f"'{path}' ends in '{path.suffix}'; a table can be written as .md, .csv, .tex "
-                "or .txt"
+                f"'{path}' ends in '{path.suffix}'; a table can be written as .md, .csv or .txt"
             )
-        _write(path, render())
+        with writing(path):
+            path.write_text(render(), encoding="utf-8")
 
     @property
     def resolved_columns(self) -> tuple[Column, ...]:
@@ -189,14 +152,3 @@ class ComparisonTable(Printable):
 
 def _exact(value: float) -> str:
     return "" if math.isnan(value) else repr(float(value))
-
-
-def _latex(text: str) -> str:
-    return "".join(_LATEX_ESCAPES.get(char, char) for char in text)
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write '{path}': {error.strerror}") from error

@@ -43,13 +43,6 @@ def test_csv_keeps_full_precision():
     assert "IDSW_low" not in rows[0]
 
 
-def test_latex_escapes_and_closes():
-    latex = TABLE.to_latex()
-    assert r"ours \& co & \textbf{90.00} {\scriptsize (85.0 to 93.0)} & 5 & - & - &  \\" in latex
-    assert r"t \& \$x\$" in latex
-    assert latex.count(r"\begin{") == latex.count(r"\end{") == 2
-
-
 def test_nothing_is_best_without_a_rival():
     assert "**" not in ComparisonTable([Row("a", {"IDF1": 1.0})], ["IDF1"]).to_markdown()
     tied = ComparisonTable([Row("a", {"IDF1": 1.0}), Row("b", {"IDF1": 1.0})], ["IDF1"])
