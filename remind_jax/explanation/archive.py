@@ -1,7 +1,8 @@
 """What every decision of a run was made of: records by frame, in memory and in `trace.npz`.
 
 A column is named by the dotted path of its leaf and holds the rows of all frames one after another;
-`shape.PATH` has the shape of the leaf in each frame.
+`shape.PATH` has the shape of the leaf in each frame. A checksum tells whether the file is as it was
+written, so that its columns need no checks of their own.
 """
 
 from __future__ import annotations
@@ -18,11 +19,12 @@ import numpy as np
 
 from remind_jax import files
 from remind_jax.errors import OutputError
-from remind_jax.files.tensors import read_npz
+from remind_jax.files.tensors import checksum_of, read_npz
 from remind_jax.method import named_leaves
 
 TRACE_NAME = "trace.npz"
-VERSION = 4  # of the file
+VERSION = 5  # of the file
+_CHECKSUM = "sha256"
 
 Record = TypeVar("Record", bound=Sized)
 
@@ -113,6 +115,7 @@ class TraceArchive(Generic[Record]):
         for leaves in zip(*map(named_leaves, records), strict=True):
             name = leaves[0][0]
             columns[name], columns[f"shape.{name}"] = _join([leaf for _, leaf in leaves])
+        columns[_CHECKSUM] = np.array(checksum_of({}, columns))
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **columns)  # pyright: ignore[reportArgumentType]
         files.replace_file(path, buffer.getvalue())
@@ -124,16 +127,20 @@ class TraceArchive(Generic[Record]):
         path = self._path
         with files.reading(path, OutputError):
             columns = read_npz(path, refused=OutputError)
-            tracker, version = str(columns["tracker"]), int(columns["version"])
-            if tracker != self._tracker:
-                raise OutputError(
-                    f"'{path}' is the trace of tracker {tracker[:100]!r}, not '{self._tracker}' as "
-                    "the run says; run the tracker again with --trace"
-                )
+            again = "run the tracker again with --trace"
+            version = int(columns["version"])
             if version != VERSION:
                 raise OutputError(
-                    f"'{path}' has version {version}, this remind-jax reads version {VERSION}; run "
-                    "the tracker again with --trace"
+                    f"'{path}' has version {version}, this remind-jax reads version {VERSION}; "
+                    f"{again}"
+                )
+            if str(columns.pop(_CHECKSUM)) != checksum_of({}, columns):
+                raise OutputError(f"'{path}' is damaged: its checksum is another one; {again}")
+            tracker = str(columns["tracker"])
+            if tracker != self._tracker:
+                raise OutputError(
+                    f"'{path}' is the trace of tracker '{tracker}', not '{self._tracker}' as the "
+                    f"run says; {again}"
                 )
             self._frames = _split(self._kind, columns)
             names = columns["label.id"].tolist(), columns["label.name"].tolist()
@@ -167,27 +174,21 @@ def _join(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 def _split(kind: type[Record], columns: Mapping[str, np.ndarray]) -> dict[int, Record]:
     """The records by frame index."""
-    index = columns["frame.index"].tolist()
     leaves = {
-        path: _cut(path, column, columns[f"shape.{path}"], len(index))
+        path: _cut(column, columns[f"shape.{path}"])
         for path, column in columns.items()
         if f"shape.{path}" in columns
     }
     return {
         number: _rebuild(kind, {path: parts[place] for path, parts in leaves.items()})
-        for place, number in enumerate(index)
+        for place, number in enumerate(columns["frame.index"].tolist())
     }
 
 
-def _cut(path: str, column: np.ndarray, shapes: np.ndarray, num_frames: int) -> list[np.ndarray]:
+def _cut(column: np.ndarray, shapes: np.ndarray) -> list[np.ndarray]:
     """A leaf in each frame."""
-    if shapes.shape != (num_frames, column.ndim - bool(shapes.shape[-1] == 0)):
-        raise ValueError(f"'{path}' does not have a shape for each of {num_frames} frames")
     if not shapes.shape[1]:
         return list(column)
-    rows = shapes[:, 0].sum(dtype=np.int64)
-    if shapes.min(initial=0) < 0 or rows != len(column) or (shapes[:, 1:] > column.shape[1:]).any():
-        raise ValueError(f"'{path}' has other rows than its shapes say")
     parts = np.split(column, np.cumsum(shapes[:-1, 0]))
     return [
         part[(slice(None), *(slice(n) for n in shape[1:]))]

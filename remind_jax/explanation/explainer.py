@@ -59,19 +59,11 @@ class Explainer(abc.ABC, Generic[Record]):
                 f"frame {frame} has no detection {detection}; {_say_detections(len(tracks))}"
             )
         record = self._archive.frame(frame)
-        try:
-            if record is None or len(record) != len(tracks):
-                raise OutputError(
-                    f"the trace does not fit frame {frame} of the run; run again with --trace"
-                )
-            explanation = self._explain(record, tracks, detection)
-        except OutputError:
-            raise
-        except Exception as error:  # of arrays, codes and ids that no run writes
+        if record is None or len(record) != len(tracks):
             raise OutputError(
-                f"the trace of frame {frame} is damaged ({type(error).__name__}: {error}); run "
-                "again with --trace"
-            ) from error
+                f"the trace does not fit frame {frame} of the run; run again with --trace"
+            )
+        explanation = self._explain(record, tracks, detection)
         if tracks.reason[detection] != Reason.SEEN_TOO_FEW_TIMES:
             return explanation
         unannounced = (

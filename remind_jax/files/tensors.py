@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Annotated
 
@@ -171,3 +174,15 @@ def _read_array(file: IO[bytes], num_bytes: int) -> np.ndarray:
         raise ValueError(f"shape {shape} of {dtype} does not fill it")
     file.seek(0)
     return formats.read_array(file, allow_pickle=False)
+
+
+def checksum_of(metadata: Mapping[str, str], tensors: Mapping[str, np.ndarray]) -> str:
+    """Of metadata and arrays of a file, in any order, but for a checksum among the metadata."""
+    digest = hashlib.sha256()
+    described = {name: value for name, value in metadata.items() if name != "sha256"}
+    digest.update(json.dumps(described, sort_keys=True).encode("ascii"))
+    for name in sorted(tensors):
+        array = np.ascontiguousarray(tensors[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(array.data if array.size else b"")
+    return digest.hexdigest()

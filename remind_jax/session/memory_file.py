@@ -21,7 +21,7 @@ from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.config.keys import how_to_choose
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
 from remind_jax.files.records import check, decode_json
-from remind_jax.files.tensors import SafetensorsPart
+from remind_jax.files.tensors import SafetensorsPart, checksum_of
 from remind_jax.method import PAPER_METHOD, AtRest, Method, get_method, named_leaves
 from remind_jax.numerics.array_faults import not_finite
 from remind_jax.session import filed_records
@@ -40,7 +40,6 @@ from remind_jax.session.memory_parts import (
     FORMAT_OF_CHANGES,
     RESTORE,
     SCHEMA_VERSION,
-    checksum_of,
     read_parts,
 )
 from remind_jax.session.object_pictures import MAX_FILE_BYTES

@@ -6,17 +6,12 @@ one may not be whole, and then it does not count.
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 import logging
-from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
 from remind_jax.errors import OutputError
-from remind_jax.files.tensors import SafetensorsPart, read_safetensors_parts
+from remind_jax.files.tensors import SafetensorsPart, checksum_of, read_safetensors_parts
 from remind_jax.session.earlier_memory import EARLIER_VERSIONS
 
 SCHEMA_VERSION = 9
@@ -63,15 +58,3 @@ def read_parts(path: Path) -> list[SafetensorsPart]:
 
 def _is_sound(part: SafetensorsPart) -> bool:
     return part.metadata.get("sha256") == checksum_of(part.metadata, part.tensors)
-
-
-def checksum_of(metadata: Mapping[str, str], tensors: Mapping[str, np.ndarray]) -> str:
-    """Of everything in the file but the checksum itself, in any order."""
-    digest = hashlib.sha256()
-    described = {name: value for name, value in metadata.items() if name != "sha256"}
-    digest.update(json.dumps(described, sort_keys=True).encode("ascii"))
-    for name in sorted(tensors):
-        array = np.ascontiguousarray(tensors[name])
-        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
-        digest.update(array.data if array.size else b"")
-    return digest.hexdigest()

@@ -135,27 +135,20 @@ def test_other_ids_are_given_to_objects_and_not_to_tracks(archive):
     assert renumbered.labels == {1: "mug", 0: "Teetasse ☕"}
 
 
-def _with(path, **changes):
-    with np.load(path) as file:
-        arrays = dict(file)
-    np.savez(path, **{**arrays, **changes})
-
-
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"frame.index": np.arange(3)}, "damaged"),
-        ({"decisions.score": np.zeros(3, np.float32)}, "has other rows than its shapes say"),
-        ({"shape.decisions.score": np.full((4, 1), -1)}, "has other rows than its shapes say"),
-        ({"shape.decisions.score": np.zeros((4, 2), int)}, "does not have a shape for each of 4"),
-        ({"label.id": np.array(["a", "b"])}, "damaged"),
-        ({"label.name": np.array(["a"])}, "damaged"),
+        ({"decisions.score": np.zeros(3, np.float32)}, "its checksum is another one"),
+        ({"label.name": np.array(["a"])}, "its checksum is another one"),
+        ({"more": np.zeros(0)}, "its checksum is another one"),
         ({"version": np.array([1, 2])}, "damaged"),
         ({"tracker": np.array([{"a": 1}], object)}, "'tracker' is damaged"),
     ],
 )
-def test_what_does_not_fit_is_refused(archive, tmp_path, changes, said):
+def test_what_is_not_as_it_was_written_is_refused(archive, tmp_path, changes, said):
     archive.save(tmp_path / TRACE_NAME)
-    _with(tmp_path / TRACE_NAME, **changes)
+    with np.load(tmp_path / TRACE_NAME) as file:
+        arrays = dict(file)
+    np.savez(tmp_path / TRACE_NAME, **{**arrays, **changes})
     with pytest.raises(OutputError, match=said):
         new_archive(tmp_path / TRACE_NAME).frame(0)
