@@ -5,13 +5,11 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import itertools
-import logging
 import pickle
 import tempfile
 import weakref
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
@@ -87,8 +85,6 @@ CHECKPOINT_NAME = "checkpoint"  # folder of what is needed to go on, until the r
 # Image folders have no clock of their own.
 _DEFAULT_FPS = 10.0
 
-_log = logging.getLogger(__name__)
-
 
 class ViewerRecord(Protocol):
     """What a viewer of its own opens: a context manager that is given every frame."""
@@ -104,8 +100,8 @@ class ViewerRecord(Protocol):
 class RunWriter:
     """Writes everything a run leaves behind: a context manager around the loop over frames.
 
-    `add` streams detections, table and overlay; `finish` draws the rest. Left by an exception or
-    Ctrl-C before `finish`, it closes the video and finishes what there is as an interrupted run.
+    `add` streams detections, table and overlay; `finish` draws the rest. Left without it, the files
+    are closed, and hold what was added.
 
     Nothing can be added to a video, so a run that is gone on with adds all frames again; until
     `end_repeating`, what the earlier process wrote stays as it was.
@@ -135,7 +131,7 @@ class RunWriter:
         self._with_overlay = overlay
         self._viewers = viewers
         self._sightings = gallery.SightingCollector()
-        self._finished, self.is_repeating = False, resume
+        self.is_repeating = resume
         _prepare_folder(self.folder, overwrite, resume)
         self._tracks = KeptTracks(self.folder if endless else None)
 
@@ -194,7 +190,6 @@ class RunWriter:
 
     def finish(self, result: Result) -> None:
         """Closes the streamed files, draws the report, and writes `run.json`."""
-        self._finished = True
         result = dataclasses.replace(
             result, info=dataclasses.replace(result.info, fps=_usable_fps(result.info.fps))
         )
@@ -225,27 +220,12 @@ class RunWriter:
             with files.writing(path):
                 new.replace(path)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        tb: TracebackType | None,
-    ) -> None:
-        if self._finished:
-            return
+    def __exit__(self, *raised: object) -> None:
+        with contextlib.suppress(OutputError):
+            self._open_files.close()
         if self.is_repeating:
-            with contextlib.suppress(OutputError):
-                self._open_files.close()
             for name in (store.DETECTIONS_NAME, CSV_NAME):
                 (self.folder / f"{name}.part").unlink(missing_ok=True)
-            return
-        result = Result(tuple(self._tracks), self._info, complete=False)
-        try:
-            self.finish(result)
-        except OutputError as later:
-            if error is None:
-                raise
-            _log.warning("while finishing an interrupted run: %s", later)
 
 
 def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> Result:

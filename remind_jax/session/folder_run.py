@@ -80,10 +80,10 @@ def run_into(
                 loop.keep_on_disk(folder)
             checkpoints.begin(Header.of(info, start, options))
         with writer:
+            loop.repeat(ahead, writer)
             try:
-                loop.repeat(ahead, writer)
                 complete = loop.consume(ahead, writer)
-            except Exception:
+            except BaseException:
                 # What was done is finished; what went wrong first is what is reported.
                 with contextlib.suppress(RemindError):
                     loop.release(writer)
@@ -122,12 +122,9 @@ def _find_earlier(
 def describe_run(loop: FrameLoop, frame_size: tuple[int, int], brings_features: bool) -> RunInfo:
     """What a run is made with, as far as it is known before it starts."""
     tracker, source, detector = loop.tracker, loop.source, loop.detector
-    # The thresholds that will decide, those made for the backbone among them.
-    config = (
-        tracker.config
-        if brings_features
-        else tracker.config.for_backbone(*tracker.backbone.identity)
-    )
+    if not brings_features:
+        tracker.follow_profile()
+    config = tracker.config
     announcing = dataclasses.replace(config.input, announce_after=tracker.announce_after)
     # Capacities are those of a memory, if there is one.
     config = dataclasses.replace(config, static=tracker.static, input=announcing)

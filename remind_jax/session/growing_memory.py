@@ -66,7 +66,6 @@ class GrowingMemory:
 
     Attributes:
       static: Capacities as grown so far.
-      traced: Whether it keeps what decisions were made of.
       trace: What the decisions of the last frame were made of, on the host.
       has_grown: Whether it did so in the last frame.
       at_rest: Objects at rest; None where the method has no place for them.
@@ -77,7 +76,6 @@ class GrowingMemory:
         self._bundle: Bundle | None = None  # as the last step left it
         self.trace: Any = None
         self.has_grown = False
-        self.traced = traced
         self.frame_step = FrameStep(method, traced=traced)
         self.ahead = Ahead()
         self._method = method

@@ -131,6 +131,7 @@ class Tracker(Printable):
                 f"input.max_objects is {self.config.input.max_objects}, but tracker "
                 f"'{self.method.name}' forgets no objects; leave it at 0"
             )
+        self.traces = trace  # whether it keeps what decisions were made of
         self._preparer = self._new_preparer()
         self._memory = GrowingMemory(self.method, static, traced=trace)
         self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
@@ -226,11 +227,6 @@ class Tracker(Printable):
         return self._memory.has_grown
 
     @property
-    def traces(self) -> bool:
-        """Whether it keeps what decisions were made of."""
-        return self._memory.traced
-
-    @property
     def trace(self) -> Any:
         """What the decisions of the last frame were made of, on the host; None if not asked for."""
         return self._memory.trace
@@ -283,7 +279,7 @@ class Tracker(Printable):
         # With a preparer of its own: the next frame does not follow this one.
         preparer = self._new_preparer()
         prepared = preparer.prepare(Frame(0, 0, 0.0, "warm-up", image, nothing), self.config)
-        self._follow_profile()
+        self.follow_profile()
         frame_feats = self._features.describe(prepared, self.static)
         self._memory.prepare_programs(frame_feats, prepared, self.config.thresholds, num_objects)
         return time.perf_counter() - start
@@ -359,7 +355,7 @@ class Tracker(Printable):
         if prepared.features is not None:
             self._features_given = True
         elif prepared.image is not None:
-            self._follow_profile()
+            self.follow_profile()
         frame_feats = self._features.describe(prepared, self.static)
         described = time.perf_counter()
         self.events = []
@@ -406,8 +402,6 @@ class Tracker(Printable):
         """
         self._features.attention_slots = attention_slots
         self.identities.resume(merged_into)
-        if not self._features_given:
-            self._follow_profile()
 
     def save(self, path: str | Path, *, durably: bool = False) -> None:
         """Writes the memory to a file; an older one is replaced only by a complete one.
@@ -463,11 +457,7 @@ class Tracker(Printable):
             check_backbone(memory, self._described_by, path)
         self._features_given = memory.backbone == FEATURES_GIVEN
         self._memory.static = static_of(memory, self.config, path)
-        self._memory.state = memory.state
-        if memory.at_rest is not None:
-            self._memory.at_rest = memory.at_rest
-        self._preparer.class_ids = {name: number for number, name in enumerate(memory.class_names)}
-        self.identities.restore(memory)
+        self._restore(memory)
 
     def join(self, path: str | Path) -> JoinedObjects:
         """Adds the objects of another memory; those that are known here are merged (`split`).
@@ -488,12 +478,16 @@ class Tracker(Printable):
             joined, told = join_memories(
                 self._saved(), load_memory(path), path, self.config.thresholds
             )
-            self._memory.state = joined.state
-            self._preparer.class_ids = {
-                name: number for number, name in enumerate(joined.class_names)
-            }
-            self.identities.restore(joined)
+            self._restore(joined)
         return told
+
+    def _restore(self, memory: SavedMemory) -> None:
+        """Goes on from what a memory knows."""
+        self._memory.state = memory.state
+        if memory.at_rest is not None:
+            self._memory.at_rest = memory.at_rest
+        self._preparer.class_ids = {name: number for number, name in enumerate(memory.class_names)}
+        self.identities.restore(memory)
 
     def __reduce__(self) -> Any:
         """Refuses to be pickled or copied."""
@@ -522,7 +516,7 @@ class Tracker(Printable):
         with_closeups = self._features.wants_closeups(self.config.input.closeups)
         return f"{self.backbone.name}, closeups" if with_closeups else self.backbone.name
 
-    def _follow_profile(self) -> None:
+    def follow_profile(self) -> None:
         """Takes the thresholds made for the backbone, now that it is known to be used."""
         if not self._has_profile:
             self.config = self.config.for_backbone(*self.backbone.identity)
