@@ -232,7 +232,7 @@ class OverlayVideo(contextlib.AbstractContextManager):
     """Writes an H.264 video frame by frame; browsers play it and seek in it.
 
     All frames get the size of the first one, made even as yuv420p needs. A video that was there is
-    replaced when this one is closed.
+    replaced when this one is closed, unless an error ends it.
     """
 
     def __init__(self, path: Path, fps: float) -> None:
@@ -279,5 +279,9 @@ class OverlayVideo(contextlib.AbstractContextManager):
         self._stream, self._size = stream, (height, width)
         return stream
 
-    def __exit__(self, *raised: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *raised: object) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self._container.close()
+            self._partial.unlink(missing_ok=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import itertools
 import pickle
 import tempfile
 import weakref
@@ -119,13 +118,8 @@ class RunWriter:
         overwrite: bool = False,
         resume: bool = False,
         viewers: Sequence[ViewerRecord] = (),
-        endless: bool = False,
     ) -> None:
-        """Prepares the folder, before any work is done.
-
-        Args:
-          endless: Nobody knows how many frames will come, so memory must not grow with them.
-        """
+        """Prepares the folder, before any work is done."""
         self.folder = Path(out_dir)
         self._info = dataclasses.replace(info, fps=_usable_fps(info.fps))
         self._with_overlay = overlay
@@ -133,7 +127,7 @@ class RunWriter:
         self._sightings = gallery.SightingCollector()
         self.is_repeating = resume
         _prepare_folder(self.folder, overwrite, resume)
-        self._tracks = KeptTracks(self.folder if endless else None)
+        self._answers: list[int] = []  # as written so far, a number for each frame
 
     def __enter__(self) -> RunWriter:
         self._open_files = contextlib.ExitStack()
@@ -180,7 +174,7 @@ class RunWriter:
     def add(self, frame: Frame, tracks: Tracks) -> None:
         """Writes one frame."""
         self._detections.add(tracks)
-        self._tracks.append(tracks)
+        self._answers.append(_number_answers(tracks))
         self._csv.add(tracks)
         self._sightings.add(frame.image, tracks)
         if self._video is not None:
@@ -195,7 +189,7 @@ class RunWriter:
         )
         try:
             self._open_files.close()
-            if any(itertools.starmap(_differ, zip(self._tracks, result.tracks, strict=False))):
+            if self._answers != [*map(_number_answers, result.tracks)]:
                 self._write_records_again(result)
             result.save_trace(self.folder)
             _write_products(self.folder, result, self._sightings.sightings)
@@ -275,22 +269,12 @@ def _draw_overlay_again(
 ) -> list[gallery.Sighting]:
     """Passes over the run once: writes the overlay unless it is kept, and collects the crops."""
     collector = gallery.SightingCollector()
-    partial = folder / f"partial-{OVERLAY_NAME}"
-    try:
-        with contextlib.ExitStack() as stack:
-            video = None
-            if not keep:
-                fps = _usable_fps(result.info.fps)
-                video = stack.enter_context(overlay.OverlayVideo(partial, fps))
-            for image, tracks in zip(images, result.tracks, strict=True):
-                collector.add(image, tracks)
-                if video is not None:
-                    video.add(overlay.draw_for_video(image, tracks))
-        if partial.exists():
-            with files.writing(folder / OVERLAY_NAME):
-                partial.replace(folder / OVERLAY_NAME)
-    finally:
-        partial.unlink(missing_ok=True)
+    path, fps = folder / OVERLAY_NAME, _usable_fps(result.info.fps)
+    with contextlib.nullcontext() if keep else overlay.OverlayVideo(path, fps) as video:
+        for image, tracks in zip(images, result.tracks, strict=True):
+            collector.add(image, tracks)
+            if video is not None:
+                video.add(overlay.draw_for_video(image, tracks))
     return collector.sightings
 
 
@@ -324,12 +308,10 @@ def _write_report(folder: Path, result: Result, sightings: list[gallery.Sighting
     report.write_report(folder, result, sightings, video if overlay.is_playable(video) else None)
 
 
-def _differ(first: Tracks, final: Tracks) -> bool:
-    """Whether the first answers about a frame are not the final ones."""
-    return first is not final and any(
-        not np.array_equal(getattr(first, name), getattr(final, name))
-        for name in ("object_id", "outcome", "pending_id", "candidate_id")
-    )
+def _number_answers(tracks: Tracks) -> int:
+    """A number that changes with what is answered about a frame."""
+    given = (tracks.object_id, tracks.outcome, tracks.pending_id, tracks.candidate_id)
+    return hash(tuple(answer.tobytes() for answer in given))
 
 
 def holds_run(folder: Path) -> bool:

@@ -67,16 +67,10 @@ def run_into(
         else:
             first = loop.look_at_first(ahead)
             info = describe_run(loop, first.size, first.features is not None)
-            is_live = isinstance(loop.source, LiveSource)
             writer = RunWriter(
-                folder,
-                info,
-                overlay=overlay,
-                overwrite=overwrite or resume,
-                viewers=viewers,
-                endless=is_live,
+                folder, info, overlay=overlay, overwrite=overwrite or resume, viewers=viewers
             )
-            if is_live:
+            if isinstance(loop.source, LiveSource):
                 loop.keep_on_disk(folder)
             checkpoints.begin(Header.of(info, start, options))
         with writer:
