@@ -241,7 +241,7 @@ def _fingerprint(setup: Setup, scene: Scene, contender: Contender) -> str:
         "config": contender.config.for_backbone(*setup.backbone.identity).to_dict(),
         "backbone": [setup.backbone.name, setup.backbone.fingerprint],
         "sampling": dataclasses.asdict(setup.sampling),
-        "scene": [scene.name, scene.layout, scene.metadata and scene.metadata.name],
+        "scene": [scene.name, scene.layout],
         "detector": _describe_detector(setup) if setup.regime == "detector" else None,
     }
     text = json.dumps(decisive, sort_keys=True, default=str)

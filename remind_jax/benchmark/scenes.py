@@ -23,21 +23,18 @@ class Scene:
     layout: Layout
     has_masks: bool  # annotations, without which nothing can be scored
     sequence: str | None = None  # of a DAVIS folder
-    metadata: Path | None = None  # instead of the metadata of the layout
 
     def open(self, sampling: Sampling | None = None, *, masks: bool = True) -> Source:
         """Opens the frames, with annotations as detections if `masks`."""
         options: dict[str, Any] = {"sampling": sampling, "name": self.name}
         if not masks:
             options["masks"] = "none"
-        elif self.metadata is not None:
-            options["metadata"] = self.metadata
         if self.sequence is not None:
             options["sequence"] = self.sequence
         return open_source(self.path, **options)
 
 
-def find_scenes(root: str | Path, metadata: str | None = None) -> tuple[Scene, ...]:
+def find_scenes(root: str | Path) -> tuple[Scene, ...]:
     """Finds every scene of a data set.
 
     Args:
@@ -52,17 +49,15 @@ def find_scenes(root: str | Path, metadata: str | None = None) -> tuple[Scene, .
         raise SourceError(f"'{root}' is no folder; give the root of a data set")
     data = root / "data"
     places = sorted(data.iterdir()) if data.is_dir() else [root]
-    scenes = [scene for place in places for scene in _scenes_at(place, metadata)]
+    scenes = [scene for place in places for scene in _scenes_at(place)]
     if not scenes and not data.is_dir():
         below = sorted(p for p in root.iterdir() if p.is_dir())
-        scenes = [scene for place in below for scene in _scenes_at(place, metadata)]
+        scenes = [scene for place in below for scene in _scenes_at(place)]
     if not scenes:
         raise SourceError(
             f"'{root}' holds no scenes; recognized are JPEGImages/<sequence> (DAVIS), data/<scene> "
             "(ScanNet++) and folders of these"
         )
-    if metadata is not None and not any(scene.metadata for scene in scenes):
-        raise SourceError(f"no scene of '{root}' has a file '{metadata}'; name another one")
     names = [scene.name for scene in scenes]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
@@ -83,13 +78,10 @@ def select_scenes(scenes: tuple[Scene, ...], names: tuple[str, ...]) -> tuple[Sc
     return tuple(known[name] for name in names) if names else scenes
 
 
-def _scenes_at(path: Path, metadata: str | None) -> list[Scene]:
+def _scenes_at(path: Path) -> list[Scene]:
     """Scenes of a folder; none if it is something else."""
     if not path.is_dir():
         return []
-    chosen = None if metadata is None else path / metadata
-    if chosen is not None and not chosen.is_file():
-        chosen = None
     if davis.is_davis(path):
         return [
             Scene(
@@ -98,18 +90,10 @@ def _scenes_at(path: Path, metadata: str | None) -> list[Scene]:
                 layout="davis",
                 has_masks=davis.annotation_folder(path, sequence) is not None,
                 sequence=sequence or None,
-                metadata=chosen,
             )
             for sequence in davis.list_sequences(path)
         ]
     if scannetpp.find_images(path) is not None:
-        has_masks = _has_scannetpp_masks(path)
-        return [Scene(path.name, path, "scannetpp", has_masks, metadata=chosen)]
+        has_masks = scannetpp.find_annotations(path)[1] is not None
+        return [Scene(path.name, path, "scannetpp", has_masks)]
     return []
-
-
-def _has_scannetpp_masks(path: Path) -> bool:
-    if scannetpp.find_masks(path) is not None:
-        return True
-    beside = scannetpp.find_annotations_beside(path)
-    return beside is not None and scannetpp.find_masks(beside) is not None

@@ -59,8 +59,6 @@ class Benchmark:
     backbone: BackboneName = "patch-statistics"
     weights: Path | None = None  # converted weights; found or fetched if left out
     feature_cache: Path | None = None  # keep features there, in the user's cache if left out
-    # name of the metadata file in each scene's folder, where it has several
-    metadata: Annotated[str | None, arg(metavar="NAME")] = None
     out: Path = DEFAULT_FOLDER  # output folder, of this or an earlier benchmark
     retry_failed: bool = False  # run again what failed before
     quiet: bool = False  # say nothing but errors
@@ -111,7 +109,7 @@ class Benchmark:
         if root is None:
             root = render_tours(progress=lambda name: self._say(f"rendering {name}"))
         names = tuple(name for group in self.scenes for name in group)
-        chosen = select_scenes(find_scenes(root, self.metadata), names)
+        chosen = select_scenes(find_scenes(root), names)
         for scene in chosen:
             if not scene.has_masks:
                 self._say(f"{scene.name} has no annotations and cannot be scored; left out")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -150,7 +150,7 @@ class Evaluation(Printable):
 
         NaN where undefined, such as recovery where nothing returned.
         """
-        return mean_fields(self.fields())
+        return {name: float(np.mean(value)) for name, value in self.fields().items()}
 
     def intervals(self, **options: Any) -> Intervals:
         """Bootstrap intervals over the objects, if their counts were kept."""
@@ -239,7 +239,9 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
         hota=pool_counts(e.hota for e in evaluations),
         clear=pool_counts(e.clear for e in evaluations),
         identity=pool_counts(e.identity for e in evaluations),
-        recovery=_chain_objects(e.recovery for e in evaluations),
+        recovery=map_counts(
+            lambda *values: np.concatenate(values), *(e.recovery for e in evaluations)
+        ),
         sizes=pool_counts(e.sizes for e in evaluations),
         uncertainty=pool_counts(uncertain) if uncertain else None,
         by_class=pool_classes([e.by_class for e in evaluations]),
@@ -272,15 +274,6 @@ def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Interv
     return bootstrap_families(families, **options)
 
 
-def mean_fields(fields: Mapping[str, Any]) -> dict[str, float]:
-    """Fields averaged over thresholds, where they are of many."""
-    return {name: float(np.mean(value)) for name, value in fields.items()}
-
-
 def without_nan(scores: Mapping[str, float]) -> dict[str, float | None]:
     """Scores as JSON can hold them: undefined ones are null."""
     return {name: None if math.isnan(value) else value for name, value in scores.items()}
-
-
-def _chain_objects(counts: Iterable[RecoveryCounts]) -> RecoveryCounts:
-    return map_counts(lambda *values: np.concatenate(values), *counts)

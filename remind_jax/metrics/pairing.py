@@ -7,22 +7,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from pathlib import PurePosixPath
 from typing import Any
 
-import cv2
 import numpy as np
 from hotcoco import mask as coco
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.errors import SourceError
-from remind_jax.formats.pictures import IMAGE_SUFFIXES
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import decode_mask, encode_masks
 from remind_jax.metrics.matching import EPSILON, match_detections
 from remind_jax.metrics.sequence import TrackingSequence, frame_starts
-from remind_jax.sources.file_tree import last_number
+from remind_jax.sources.file_tree import frame_stem, last_number
+from remind_jax.sources.label_maps import fit_plane
 
 # Box pairs looked at in one go: temporaries of this size stay in the cache.
 _PAIRS_PER_CHUNK = 1 << 15
@@ -119,12 +117,6 @@ def covered_share(rles: Sequence[Rle], region: Rle) -> Float[np.ndarray, "N"]:
     return np.asarray(coco.iou(list(rles), [region], [1]), float)[:, 0]
 
 
-def merge_rles(rles: Sequence[Rle]) -> Rle:
-    """The union of masks."""
-    return coco.merge(list(rles))
-
-
-MAX_ASPECT_DIFFERENCE = 0.01
 NOT_ALIGNED = -1
 
 _IGNORED_SHARE = 0.5
@@ -184,7 +176,7 @@ def align_frames(
     Raises:
       SourceError: If nothing agrees.
     """
-    keys_of: tuple[Callable[[str], Any], ...] = (_stem, last_number)
+    keys_of: tuple[Callable[[str], Any], ...] = (frame_stem, last_number)
     for key in keys_of:
         keys = [key(frame) for frame in truth_names]
         place: dict[Any, int] = {k: i for i, k in enumerate(keys) if k is not None}
@@ -271,20 +263,13 @@ def _boxes_in_one_size(truth: TrackRows, prediction: TrackRows) -> tuple[np.ndar
 
 def _fit_masks(rles: Sequence[Rle], size: tuple[int, int], name: str) -> tuple[Rle, ...]:
     """Masks at another height and width, where only the scale differs."""
-    return tuple(rle if size_of(rle) == size else _resize(rle, size, name) for rle in rles)
-
-
-def _resize(rle: Rle, size: tuple[int, int], name: str) -> Rle:
-    height, width = size_of(rle)
-    ratio = (width * size[0]) / (height * size[1])
-    if abs(ratio - 1) > MAX_ASPECT_DIFFERENCE:
-        raise SourceError(
-            f"{name}: predicted masks are {width} x {height} pixels, those of the truth "
-            f"{size[1]} x {size[0]} (width x height): their aspect ratios differ"
-        )
-    mask = np.ascontiguousarray(decode_mask(rle))
-    resized = cv2.resize(mask, size[::-1], interpolation=cv2.INTER_NEAREST)
-    return encode_masks(resized[None] > 0)[0]
+    what = f"{name}: a predicted mask"
+    return tuple(
+        rle
+        if size_of(rle) == size
+        else encode_masks(fit_plane(decode_mask(rle), size, what)[None] > 0)[0]
+        for rle in rles
+    )
 
 
 def _join_classes(
@@ -342,13 +327,7 @@ def _find_ignored(truth: TrackRows, prediction: TrackRows) -> Bool[np.ndarray, "
     for frame in np.intersect1d(prediction.frame, truth.ignored_frame):
         first, stop = np.searchsorted(prediction.frame, [frame, frame + 1])
         at = np.flatnonzero(truth.ignored_frame == frame)
-        region = merge_rles([truth.ignored_rles[row] for row in at])
+        region: Rle = coco.merge([truth.ignored_rles[row] for row in at])
         rles = _fit_masks(prediction.rles[first:stop], size_of(region), prediction.name)
         is_ignored[first:stop] = covered_share(rles, region) > _IGNORED_SHARE + EPSILON
     return is_ignored
-
-
-def _stem(name: str) -> str:
-    """`DSC1` of `DSC1.JPG` as of `DSC1.JPG.png`."""
-    inner = PurePosixPath(PurePosixPath(name).stem)
-    return inner.stem if inner.suffix.lower() in IMAGE_SUFFIXES else inner.name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence, Sized
+from collections.abc import Callable, Mapping, Sized
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -105,7 +105,9 @@ class SceneStream:
             for note in notes:
                 scenes_of.setdefault(note, []).append(scene)
         for note, scenes in scenes_of.items():
-            scored.notes.append(note if is_alone else f"{_name_scenes(scenes)}: {note}")
+            few = len(scenes) <= MAX_NAMED
+            where = ", ".join(scenes) if few else f"{len(scenes)} scenes"
+            scored.notes.append(note if is_alone else f"{where}: {note}")
         if not scored.results:
             scene, why = next(iter(scored.failed.items()), ("", "there is no scene"))
             raise SourceError(
@@ -177,10 +179,6 @@ def _open_truth(truth: str | Path, prediction: str | Path, format: Format | None
         return opened
     other = open_scenes(prediction, truth=opened)
     return open_scenes(truth, other.format) if other.format in TEXT_FORMATS else opened
-
-
-def _name_scenes(scenes: Sequence[str]) -> str:
-    return ", ".join(scenes) if len(scenes) <= MAX_NAMED else f"{len(scenes)} scenes"
 
 
 def _last_part(name: str) -> str:

@@ -79,7 +79,8 @@ class FrameFeatures:
         images = prepared.image[None]
         heads = self._attention_heads(static)
         if heads is None:
-            features = self._backbone.extract(images, self._wanted_patches(prepared))[0]
+            wanted = self._near(np.any(np.asarray(prepared.masks.coverage) > 0, axis=0)[None])
+            features = self._backbone.extract(images, wanted)[0]
             return FrameFeats(jax.block_until_ready(features), size)
         patches = np.flatnonzero(np.any(prepared.masks.coverage > 0, axis=0))
         while self.attention_slots < len(patches):
@@ -108,10 +109,6 @@ class FrameFeatures:
             for batch in batches
         ]
         return np.concatenate([np.asarray(some) for some in features])[:num]
-
-    def _wanted_patches(self, prepared: Prepared) -> Bool[np.ndarray, "1 Hp Wp"] | None:
-        """Those whose features the method reads; None for all."""
-        return self._near(np.any(np.asarray(prepared.masks.coverage) > 0, axis=0)[None])
 
     def _near(self, covered: Bool[np.ndarray, "K Hp Wp"]) -> Bool[np.ndarray, "K Hp Wp"] | None:
         """Patches whose features the method reads, beside covered ones; None for all."""

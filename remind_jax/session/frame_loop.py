@@ -242,7 +242,8 @@ class FrameLoop:
             self.view.show(upcoming.frame, tracks, told.decided, told.merges, tracker.memory_use)
         tracked = time.perf_counter()
         first_ms: float | None = None
-        age_ms = self._age_ms(upcoming.frame)
+        # From the arrival of a live frame until it is shown.
+        age_ms = {} if self._live is None else {"age": 1000 * self._live.age_s(upcoming.frame)}
         if self._first_frame_ms is None:
             took_ms = sum(prepared.stage_ms.values()) + 1000 * (tracked - start)
             first_ms = age_ms.get("age", took_ms)
@@ -268,10 +269,6 @@ class FrameLoop:
             if self._checkpoints.is_due:
                 self.keep()
         self._collect(step, tracks)
-
-    def _age_ms(self, frame: Frame) -> dict[str, float]:
-        """Milliseconds from the arrival of a live frame until it is shown."""
-        return {} if self._live is None else {"age": 1000 * self._live.age_s(frame)}
 
     def _news(self, frame_index: int) -> list[Event]:
         """What happened to a live source before a frame."""

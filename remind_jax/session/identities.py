@@ -96,7 +96,11 @@ class Identities:
                 events.append(Event(decided.frame_index, "merged", message))
         self.records.note(as_announced(self.announcements, decided), image)
         if self._num_told() > self._most_told:
-            self._tell_less(known_ids())
+            # Memory has no more what many of the records are of; they go before they become more.
+            known = known_ids()
+            self.records.keep({self.announcements.id_of(one) for one in known})
+            self.announcements = self.announcements.among(known)
+            self._most_told = max(_FEW_TOLD, self._num_told() * 5 // 4)
         return answers, events
 
     def answer(self, decided: Tracks) -> Tracks:
@@ -112,12 +116,6 @@ class Identities:
         announced = [as_announced(self.announcements, decided) for decided in run]
         self.records.recount(announced)
         return tuple(self.records.answer(tracks) for tracks in announced)
-
-    def _tell_less(self, known_ids: Collection[int]) -> None:
-        """Lets go of what is told of objects that memory has no more, before it becomes much."""
-        self.records.keep({self.announcements.id_of(one) for one in known_ids})
-        self.announcements = self.announcements.among(known_ids)
-        self._most_told = max(_FEW_TOLD, self._num_told() * 5 // 4)
 
     def _num_told(self) -> int:
         return self.records.num_records + len(self.announcements.counts)

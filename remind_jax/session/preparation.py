@@ -76,9 +76,10 @@ class FramePreparer:
             gaps = self._method.needs.gap_options(config.thresholds)
         masks = alignment.align_masks(detections.masks)
         classes = (ANY_CLASS,) * len(detections) if options.class_agnostic else detections.labels
+        known = self.class_ids
         reduced = reduce_masks(
             masks,
-            np.array([self._class_id(name) for name in classes], np.int32),
+            np.array([known.setdefault(name, len(known)) for name in classes], np.int32),
             detections.scores,
             num_slots=len(detections),
             patch_px=self._patch_px_of(frame),
@@ -150,9 +151,6 @@ class FramePreparer:
 
     def _patch_px_of(self, frame: Frame) -> int:
         return self._patch_px if frame.features is None else _patch_px_of_features(frame)
-
-    def _class_id(self, label: str) -> int:
-        return self.class_ids.setdefault(label, len(self.class_ids))
 
 
 def _wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:

@@ -73,7 +73,8 @@ class RunLine:
         """Takes note of a frame."""
         self._last, self.num_done, self._since = progress, progress.num_done, self._clock()
         if isinstance(self._view, _TerminalView):
-            self._view.advance_to(self.num_done, self.num_frames)
+            bar = self._view.task_ids[0]
+            self._view.update(bar, completed=self.num_done, total=self.num_frames)
 
     @property
     def num_frames(self) -> int | None:
@@ -180,10 +181,6 @@ class _TerminalView(Bars):
             yield self.make_tasks_table(self.tasks)
         else:
             yield Text(line.doing(), no_wrap=True, overflow="ellipsis")
-
-    def advance_to(self, num_done: int, num_frames: int | None) -> None:
-        """Takes note of a frame."""
-        self.update(self.task_ids[0], completed=num_done, total=num_frames)
 
 
 class _NotebookView:

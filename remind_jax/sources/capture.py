@@ -18,8 +18,8 @@ import numpy as np
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_PICTURE_PIXELS
 from remind_jax.sources.address import Address, CameraAddress, StreamAddress
-from remind_jax.sources.source import Content, UnreadableFrame
-from remind_jax.sources.video import CONTAINERS, check_video_size, to_rgb
+from remind_jax.sources.source import Content
+from remind_jax.sources.video import CONTAINERS, check_video_size, read_picture
 
 if TYPE_CHECKING:
     import av
@@ -106,7 +106,7 @@ class _Stream:
             if isinstance(error, av.error.EOFError):
                 return None
             raise Lost("broke off") from None
-        return None if frame is None else functools.partial(_content_of, frame)
+        return None if frame is None else functools.partial(read_picture, frame)
 
     def close(self) -> None:
         """Hangs up."""
@@ -127,12 +127,6 @@ class _Stream:
             if num_damaged > _MAX_DAMAGED:
                 raise Lost("sends nothing that can be decoded")
             yield from frames
-
-
-def _content_of(frame: av.VideoFrame) -> Content:
-    if frame.is_corrupt:
-        raise UnreadableFrame("the picture is damaged")
-    return Content(to_rgb(frame))
 
 
 def _video_of(container: av.container.InputContainer, address: StreamAddress) -> av.VideoStream:

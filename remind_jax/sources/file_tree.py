@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from remind_jax import files
 from remind_jax.errors import SourceError
+from remind_jax.formats.pictures import IMAGE_SUFFIXES
 from remind_jax.sources.source import UnreadableFrame
 
 
@@ -65,6 +66,12 @@ def last_number(name: str) -> int | None:
     """The last group of digits in the stem of a file name: `frame_000610.png` is 610."""
     digits = re.findall(r"\d+", PurePosixPath(name).stem)
     return int(digits[-1]) if digits else None
+
+
+def frame_stem(name: str) -> str:
+    """`DSC1` of `DSC1.JPG` as of `DSC1.JPG.png`: what pictures and their maps have in common."""
+    inner = PurePosixPath(PurePosixPath(name).stem)
+    return inner.stem if inner.suffix.lower() in IMAGE_SUFFIXES else inner.name
 
 
 def require_inside(name: str, where: str) -> None:

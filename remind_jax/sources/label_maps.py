@@ -6,7 +6,7 @@ An annotation belongs to the frame of its stem, else of its number, else of its 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Literal
 
 import cv2
@@ -15,10 +15,10 @@ from jaxtyping import Bool, Integer, Shaped
 
 from remind_jax.crops import require_room
 from remind_jax.errors import SourceError
-from remind_jax.formats.pictures import IMAGE_SUFFIXES, read_label_map
+from remind_jax.formats.pictures import read_label_map
 from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ClassNames
-from remind_jax.sources.file_tree import files_in, last_number, read_of_frame
+from remind_jax.sources.file_tree import files_in, frame_stem, last_number, read_of_frame
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
 
 Unlabelled = Literal["error", "skip"]
@@ -200,8 +200,8 @@ def match_annotations(
     if frame_names is None:
         first = 1 if 0 not in numbers and max(numbers, default=0) == num_frames else 0
         return {number - first: file for number, file in numbers.items()}
-    stems = {_stem(file): file for file in files}
-    by_stem = {i: stems[_stem(n)] for i, n in enumerate(frame_names) if _stem(n) in stems}
+    stems = {frame_stem(file): file for file in files}
+    by_stem = {i: stems[frame_stem(n)] for i, n in enumerate(frame_names) if frame_stem(n) in stems}
     if by_stem:
         return by_stem
     by_number = {i: last_number(name) for i, name in enumerate(frame_names)}
@@ -215,12 +215,6 @@ def _list(numbers: Sequence[int]) -> str:
     """Numbers as text, the first of many."""
     rest = f" and {len(numbers) - 20} others" if len(numbers) > 20 else ""
     return ", ".join(map(str, numbers[:20])) + rest
-
-
-def _stem(name: str) -> str:
-    pure = PurePosixPath(name)
-    inner = PurePosixPath(pure.stem)
-    return inner.stem if inner.suffix.lower() in IMAGE_SUFFIXES else pure.stem
 
 
 def instance_ids_in(labels: Integer[np.ndarray, "..."]) -> list[int]:

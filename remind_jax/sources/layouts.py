@@ -155,10 +155,7 @@ def _locate_davis(root: Path, choice: Choice) -> Located:
 
 
 def _locate_scene(path: Path, images: Path, name: str, choice: Choice) -> Located:
-    annotated, place = path, scannetpp.find_masks(path)
-    beside = scannetpp.find_annotations_beside(path)
-    if place is None and beside is not None:
-        annotated, place = beside, scannetpp.find_masks(beside)
+    annotated, place = scannetpp.find_annotations(path)
     metadata = _metadata(annotated, place.metadata_files if place else (), name, choice)
     if images.is_file():
         reader: Reader = VideoReader(images, name)

@@ -64,9 +64,12 @@ def find_masks(scene: Path) -> MaskPlace | None:
     return None
 
 
-def find_annotations_beside(path: Path) -> Path | None:
-    """The annotations kept apart for `<root>/data/<scene>`; None if there are none."""
-    if path.parent.name != "data":
-        return None
-    places = [path.parent.parent / root / path.name for root in ANNOTATION_ROOTS]
-    return next((place for place in places if place.is_dir()), None)
+def find_annotations(scene: Path) -> tuple[Path, MaskPlace | None]:
+    """Where a scene has instance maps: in it, or kept apart for `<root>/data/<scene>`."""
+    place = find_masks(scene)
+    if place is None and scene.parent.name == "data":
+        for root in ANNOTATION_ROOTS:
+            beside = scene.parent.parent / root / scene.name
+            if beside.is_dir():
+                return beside, find_masks(beside)
+    return scene, place

@@ -64,7 +64,7 @@ class VideoReader:
                     continue
                 time_s = frame.time if frame.time is not None else index / (self.fps or 1.0)
                 origin_s = time_s if origin_s is None else origin_s
-                read = functools.partial(_read, frame)
+                read = functools.partial(read_picture, frame)
                 yield Entry(index, time_s - origin_s, f"{index:06d}", read, is_timed=True)
                 index += 1
         self._report_missing_end(index, report)
@@ -170,7 +170,8 @@ def _count_frames(
     return max(1, round(duration_s * fps)), True
 
 
-def _read(frame: av.VideoFrame) -> Content:
+def read_picture(frame: av.VideoFrame) -> Content:
+    """A decoded picture. Raises UnreadableFrame if it is damaged."""
     if frame.is_corrupt:
         raise UnreadableFrame("the picture is damaged")
     return Content(to_rgb(frame))

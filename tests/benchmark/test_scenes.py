@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import cv2
 import numpy as np
 import pytest
@@ -44,18 +42,6 @@ def test_scannetpp_with_annotations_beside_the_images(tmp_path):
         ("1a", "scannetpp", False),
         ("2b", "scannetpp", True),
     ]
-
-
-def test_another_metadata_file_where_there_is_one(dataset, tmp_path):
-    shutil.copytree(dataset, tmp_path / "copy")
-    (tmp_path / "copy" / "light-1" / "metadata_one_class.json").unlink()
-    first, second = find_scenes(tmp_path / "copy", "metadata_one_class.json")
-    frame = next(iter(first.open()))
-    assert frame.detections is not None
-    assert set(frame.detections.labels) == {"object"}
-    assert second.metadata is None
-    with pytest.raises(SourceError, match=r"no scene of .* has a file 'nope.json'"):
-        find_scenes(tmp_path / "copy", "nope.json")
 
 
 def test_scenes_by_name(dataset):
