@@ -8,11 +8,9 @@ from __future__ import annotations
 import base64
 import gzip
 import html
-import itertools
 import json
-import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -77,7 +75,7 @@ def render_page(title: str, data: dict[str, Any], scripts: Sequence[str]) -> str
 
 def report_data(result: Result, sightings: Sequence[Sighting], video: str | None) -> dict[str, Any]:
     """What the page draws. Positions count processed frames 0, 1, 2, ..."""
-    info, summary, num_frames = result.info, result.summary(), len(result.tracks)
+    info, summary = result.info, result.summary()
     position_of = {tracks.frame_index: place for place, tracks in enumerate(result.tracks)}
     class_of = {label: number for number, label in enumerate(result.class_names)}
     return {
@@ -88,8 +86,6 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
         "video": video,
         "explanations": pack_explanations(result),
         "fps": info.fps,
-        "frame_steps": frame_steps(num_frames),
-        "time_steps": time_steps(max(num_frames, 1) / info.fps) if info.fps > 0 else [],
         "classes": list(class_of),
         "frames": [_frame_data(tracks, class_of) for tracks in result.tracks],
         "outcomes": [outcome.name.lower() for outcome in Outcome],
@@ -317,32 +313,3 @@ def spans_with(result: Result, *outcomes: Outcome) -> tuple[Span, ...]:
         for position, tracks in enumerate(result.tracks)
         if np.isin(tracks.outcome, outcomes).any()
     )
-
-
-def frame_steps(num_frames: int) -> list[int]:
-    """Round numbers of frames, up to the first that leaves one tick."""
-    return [int(step) for step in _up_to(num_frames, _round_numbers(1.0))]
-
-
-def time_steps(duration_s: float) -> list[float]:
-    """Round seconds and, from a minute on, round minutes; up to the first that leaves one tick."""
-    smallest = 10.0 ** math.floor(math.log10(duration_s) - 2)
-    seconds = itertools.takewhile(lambda step: step < 50, _round_numbers(min(smallest, 1.0)))
-    minutes = (60 * step for step in _round_numbers(1.0))
-    return _up_to(duration_s, itertools.chain(seconds, minutes))
-
-
-def _round_numbers(smallest: float) -> Iterator[float]:
-    """From a power of ten on."""
-    for power in itertools.count(round(math.log10(smallest))):
-        for factor in (1, 2, 5):
-            yield factor * 10.0**power if power >= 0 else factor / 10.0**-power
-
-
-def _up_to(length: float, steps: Iterator[float]) -> list[float]:
-    taken = []
-    for step in steps:
-        taken.append(step)
-        if step >= length:
-            break
-    return taken

@@ -461,8 +461,8 @@ function drawLanes() {
     for (const candidate of lane.candidate) bar(candidate, middle - 2, 4, "#ffffff");
     for (const position of lane.returns) drawReturn(pen, x(position), middle);
   });
-  drawTicks(byId("ticks"), run.frame_steps, 1, width, frameLabel);
-  drawTicks(byId("times"), run.time_steps, run.fps, width, timeLabel);
+  drawTicks(byId("ticks"), (least) => roundStep(Math.max(1, least)), 1, width, frameLabel);
+  if (run.fps > 0) drawTicks(byId("times"), timeStep, run.fps, width, timeLabel);
 }
 
 function drawReturn(pen, x, middle) {
@@ -478,11 +478,22 @@ function drawReturn(pen, x, middle) {
   pen.fill();
 }
 
-/** Labels at round numbers, as close as there is room; steps are in units of so many frames. */
-function drawTicks(axis, steps, framesPerUnit, width, label) {
+/** The smallest of 1, 2 and 5 times a power of ten that is no less. */
+function roundStep(least) {
+  const power = 10 ** Math.floor(Math.log10(least));
+  return [1, 2, 5, 10].map((factor) => factor * power).find((step) => step >= least);
+}
+
+/** Round seconds and, from half a minute on, round minutes. */
+function timeStep(least) {
+  return least <= 20 ? roundStep(least) : 60 * roundStep(Math.max(1, least / 60));
+}
+
+/** Labels at round numbers, as close as there is room; units are so many frames. */
+function drawTicks(axis, chooseStep, framesPerUnit, width, label) {
   const room = 64; // pixels for one label
   const length = numFrames / framesPerUnit;
-  const step = steps.find((one) => width * one >= room * length) ?? steps.at(-1);
+  const step = chooseStep(room * length / width);
   const labels = [];
   for (let number = 0; step && number * step < length; number += 1) {
     const left = `${(100 * number * step) / length}%`;

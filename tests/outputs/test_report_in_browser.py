@@ -67,6 +67,18 @@ def click_timeline(browser, position: int) -> None:
     ActionChains(browser).move_to_element_with_offset(track, x, 0).click().perform()
 
 
+def test_ticks_stand_at_round_numbers(page):
+    def chosen(script: str) -> list[float]:
+        return page.execute_script(f"return {script}")
+
+    assert chosen("[0.03, 1, 7, 300, 1000].map(roundStep)") == [0.05, 1, 10, 500, 1000]
+    assert chosen("[0.3, 20, 21, 70, 130].map(timeStep)") == [0.5, 20, 60, 120, 300]
+    frames = chosen("[...byId('ticks').children].map((one) => Number(one.textContent))")
+    assert frames == list(range(0, NUM_FRAMES, frames[1]))
+    assert frames[1] in (2, 5, 10)
+    assert chosen("byId('times').firstChild.textContent.slice(0, 4)") == "0:00"
+
+
 def test_the_video_plays_in_the_page(page):
     assert page.execute_script("return [video.videoWidth, video.videoHeight]") == [320, 240]
     assert page.execute_script("return video.duration") == pytest.approx(NUM_FRAMES / FPS, abs=0.11)
