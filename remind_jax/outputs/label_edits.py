@@ -21,9 +21,8 @@ from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import SourceError
 from remind_jax.files.records import Count, Text, read_json
 from remind_jax.formats.firm import firm_rows
-from remind_jax.outputs import overlay, report
+from remind_jax.outputs import report
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.writer import OVERLAY_NAME
 from remind_jax.tracks import Tracks
 
 MAX_EDITS = 1_000_000
@@ -203,10 +202,8 @@ def write_label_page(folder: str | Path) -> tuple[Path, Result]:
     # Why it was decided so does not matter here, and makes a large page.
     result = dataclasses.replace(Result.load(folder), trace=None)
     sightings = report.read_sightings(folder / report.REPORT_NAME)
-    video = folder / OVERLAY_NAME
-    address = report.video_address(video) if overlay.is_playable(video) else None
     labels = first_labels(result.tracks)
-    data = report.report_data(result, sightings, address) | {
+    data = report.report_data(result, sightings, report.video_address(folder)) | {
         "labeling": {
             "run": result.info.name,
             "num_detections": sum(len(label) for label in labels),

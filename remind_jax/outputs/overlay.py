@@ -35,6 +35,7 @@ from remind_jax.outputs.drawing import (
 )
 from remind_jax.tracks import Tracks
 
+OVERLAY_NAME = "overlay.mp4"
 _TINT = 0.42
 # Of a frame of the video; larger ones are drawn smaller: what an encoder takes goes by the pixels.
 MAX_PIXELS = 4096 * 2304

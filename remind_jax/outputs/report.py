@@ -22,6 +22,7 @@ from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.outputs.drawing import encode_jpeg, identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
+from remind_jax.outputs.overlay import OVERLAY_NAME, is_playable
 from remind_jax.outputs.presence import (
     Presence,
     Span,
@@ -48,11 +49,9 @@ _SLOT = re.compile(r"\{\{(\w+)\}\}")
 _RUN_DATA = re.compile(r'<script type="application/json" id="run-data">(.*?)</script>', re.DOTALL)
 
 
-def write_report(
-    folder: Path, result: Result, sightings: Sequence[Sighting], video: Path | None
-) -> None:
+def write_report(folder: Path, result: Result, sightings: Sequence[Sighting]) -> None:
     """Writes `report.html` into the folder of a run."""
-    page = render_report(result, sightings, None if video is None else video_address(video))
+    page = render_report(result, sightings, video_address(folder))
     files.replace_file(folder / REPORT_NAME, page.encode("utf-8"))
 
 
@@ -285,8 +284,14 @@ def _image_from_address(address: str) -> np.ndarray:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-def video_address(video: Path) -> str:
-    """The video itself as an address, or its name if it is too large for the page."""
+def video_address(folder: Path) -> str | None:
+    """The overlay video of a run itself as an address; its name if it is too large for the page.
+
+    None if there is none that plays.
+    """
+    video = folder / OVERLAY_NAME
+    if not is_playable(video):
+        return None
     with files.writing(video):
         if video.stat().st_size > MAX_EMBEDDED_VIDEO_BYTES:
             return video.name

@@ -19,6 +19,7 @@ from remind_jax.explanation.archive import TRACE_NAME
 from remind_jax.files import writing
 from remind_jax.frame import Frame
 from remind_jax.outputs import gallery, overlay, report, store, tables
+from remind_jax.outputs.overlay import OVERLAY_NAME
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import RunInfo
 from remind_jax.tracks import Tracks
@@ -67,7 +68,6 @@ class KeptTracks:
 
 
 CSV_NAME = "tracks.csv"
-OVERLAY_NAME = "overlay.mp4"
 # What a run writes and `overwrite` removes; the memory file is left to whoever writes it.
 FILE_NAMES = (
     store.DETECTIONS_NAME,
@@ -259,7 +259,7 @@ def _render(folder: Path, result: Result, source: Iterable[Frame] | None) -> Non
 def add_comparison(run_dir: Path, result: Result, rows: tuple[tuple[str, ...], ...]) -> Result:
     """Adds a comparison with the truth to the report and `run.json` of a run that is there."""
     result = dataclasses.replace(result, comparison=rows)
-    _write_report(run_dir, result, report.read_sightings(run_dir / report.REPORT_NAME))
+    report.write_report(run_dir, result, report.read_sightings(run_dir / report.REPORT_NAME))
     result.save_run_json(run_dir)
     return result
 
@@ -300,12 +300,7 @@ def _write_products(folder: Path, result: Result, sightings: list[gallery.Sighti
     """Writes what is made of the whole run: tables and report."""
     info = result.info
     tables.write_tables(folder, result.tracks, result.class_names, info.name, info.fps)
-    _write_report(folder, result, sightings)
-
-
-def _write_report(folder: Path, result: Result, sightings: list[gallery.Sighting]) -> None:
-    video = folder / OVERLAY_NAME
-    report.write_report(folder, result, sightings, video if overlay.is_playable(video) else None)
+    report.write_report(folder, result, sightings)
 
 
 def _number_answers(tracks: Tracks) -> int:

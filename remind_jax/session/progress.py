@@ -16,8 +16,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TimeRem
 from rich.progress import Progress as Bars
 from rich.text import Text
 
-from remind_jax.errors import OptionError
-
 _BAR_WIDTH = 16  # so that the line fits a terminal of 80 columns
 _NOTEBOOK_REFRESH_S = 0.5
 # A frame that takes longer than this, and than so many usual ones, is reported.
@@ -126,15 +124,7 @@ def follow_run(
     Args:
       progress: A function; False for nothing; None or True for the line on terminals and in
         notebooks.
-
-    Raises:
-      OptionError: If `progress` is something else.
     """
-    if not (progress is None or isinstance(progress, bool) or callable(progress)):
-        raise OptionError(
-            f"'progress' is {progress!r}; give a function, False for nothing, or leave it out",
-            "progress",
-        )
     if callable(progress):
         yield progress
     elif progress is False:

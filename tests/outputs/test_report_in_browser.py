@@ -197,7 +197,7 @@ def test_a_clock_that_jumps_is_told_apart_from_the_video(browser, tmp_path):
     ]
     for tracks, said in ((result.tracks, "0:00.3, "), (late, "0:00.3 in the video, 3:00.3 by")):
         one = dataclasses.replace(result, tracks=tuple(tracks))
-        report.write_report(tmp_path, one, [], None)
+        report.write_report(tmp_path, one, [])
         browser.get(f"file://{tmp_path / report.REPORT_NAME}")
         browser.execute_script("seek(3)")
         assert said in find(browser, "#clock").text
@@ -205,7 +205,7 @@ def test_a_clock_that_jumps_is_told_apart_from_the_video(browser, tmp_path):
 
 def test_a_comparison_with_the_truth_is_shown(browser, tmp_path):
     row = ("returns", "16", "17", "back in view")
-    report.write_report(tmp_path, dataclasses.replace(make_plus_run(), comparison=(row,)), [], None)
+    report.write_report(tmp_path, dataclasses.replace(make_plus_run(), comparison=(row,)), [])
     browser.get(f"file://{tmp_path / report.REPORT_NAME}")
     assert find(browser, "#comparison tbody").text == "returns 16 17 back in view"
 
@@ -349,7 +349,7 @@ def test_a_click_on_a_detection_explains_it(traced_page, traced):
 
 def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
     result = make_plus_run()
-    report.write_report(tmp_path, result, [], None)
+    report.write_report(tmp_path, result, [])
     browser.get(f"file://{tmp_path / report.REPORT_NAME}")
     said_by(browser)
     open_row(browser, 3, 0)
@@ -374,7 +374,7 @@ def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
 
 
 def test_a_return_leads_to_the_frame_that_decided_it(browser, tmp_path):
-    report.write_report(tmp_path, make_plus_run(14, back_at=9), [], None)
+    report.write_report(tmp_path, make_plus_run(14, back_at=9), [])
     browser.get(f"file://{tmp_path / report.REPORT_NAME}")
     link = find(browser, '#identities .chip[data-position="11"]')
     assert link.text == "decided at 11"

@@ -113,9 +113,8 @@ def test_false_is_nothing_and_a_function_is_called_as_it_is(monkeypatch):
 
 
 def test_anything_else_is_refused():
-    with pytest.raises(OptionError, match="'progress' is 'yes'; give a function"):  # noqa: SIM117
-        with follow_run("yes", "rooms", 10):  # pyright: ignore[reportArgumentType]
-            pass
+    with pytest.raises(OptionError, match="'progress' is 'yes'; give a function"):
+        remind_jax.run([], progress="yes")  # pyright: ignore[reportArgumentType]
 
 
 class Output:
