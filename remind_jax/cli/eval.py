@@ -168,8 +168,8 @@ class Eval:
         return process.FINE
 
     def _evaluate(self) -> list[SetEvaluation]:
-        from remind_jax.metrics.scene_comparison import name_predictions
-        from remind_jax.metrics.scene_evaluation import SceneOptions, evaluate
+        from remind_jax.metrics.scene_comparison import evaluate_all
+        from remind_jax.metrics.scene_evaluation import SceneOptions
 
         if not self.predictions:
             return [self._evaluate_alone()]
@@ -181,17 +181,7 @@ class Eval:
             by_object=bool(self.table) or len(self.predictions) > 1,
             min_absence_frames=self.min_absence_frames,
         )
-        return [
-            evaluate(
-                self.truth,
-                path,
-                format=self.format,
-                truth_format=self.truth_format,
-                name=name,
-                options=options,
-            )
-            for name, path in name_predictions(self.predictions).items()
-        ]
+        return evaluate_all(self.truth, self.predictions, self.format, self.truth_format, options)
 
     def _evaluate_alone(self) -> SetEvaluation:
         """Scores a run by the true instances that it was given."""

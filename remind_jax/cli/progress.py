@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -76,35 +77,28 @@ class RunDisplay:
         self.on_stop()
 
 
-class SweepDisplay:
-    """Progress bar of a sweep on a terminal, silence elsewhere."""
+@contextlib.contextmanager
+def follow_sweep(is_shown: bool) -> Iterator[Callable[[SweepProgress], None]]:
+    """A progress bar on a terminal, silence elsewhere; gives what is told of rows."""
+    console = Console(stderr=True)
+    with Bars(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(compact=True),
+        console=console,
+        disable=not (is_shown and console.is_terminal),
+        transient=True,
+    ) as bars:
+        task = bars.add_task("reading scenes, compiling", total=None)
 
-    def __init__(self, is_shown: bool) -> None:
-        console = Console(stderr=True)
-        self._bars = Bars(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=24),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(compact=True),
-            console=console,
-            disable=not (is_shown and console.is_terminal),
-            transient=True,
-        )
-        self._task = self._bars.add_task("reading scenes, compiling", total=None)
+        def follow(progress: SweepProgress) -> None:
+            bars.update(
+                task,
+                completed=progress.num_done,
+                total=progress.num_rows,
+                description=f"settings x scenes: {progress.scene}",
+            )
 
-    def __enter__(self) -> SweepDisplay:
-        self._bars.start()
-        return self
-
-    def __exit__(self, *raised: Any) -> None:
-        self._bars.stop()
-
-    def __call__(self, progress: SweepProgress) -> None:
-        """Takes note of rows."""
-        self._bars.update(
-            self._task,
-            completed=progress.num_done,
-            total=progress.num_rows,
-            description=f"settings x scenes: {progress.scene}",
-        )
+        yield follow

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,7 +13,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
-from remind_jax.cli.progress import SweepDisplay
+from remind_jax.cli.progress import follow_sweep
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout, scene_options
 from remind_jax.errors import ConfigError, SweepError, nearest_names
 from remind_jax.files import refuse_folder, writing
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from remind_jax.sweeps.bench import SceneBench
     from remind_jax.sweeps.result import Standing
     from remind_jax.sweeps.settings import Setting, Value
+    from remind_jax.sweeps.worker import Progress
 
 SUMMARY_FILE, TABLE_FILE = "summary.md", "rows.csv"
 
@@ -99,9 +101,8 @@ class Sweep:
         is_ours = not out.is_dir() or not any(out.iterdir()) or (out / FILE_NAME).exists()
         refuse_folder(out, inputs, is_ours=is_ours, may_hold=True)
         obtain_named(self.backbone, self.weights, quiet=self.quiet)
-        display = SweepDisplay(is_shown=not self.quiet)
-        with display:
-            bench = self._open(out, display)
+        with follow_sweep(is_shown=not self.quiet) as follow:
+            bench = self._open(out, follow)
             result, sections = plan(bench)
         if not result.complete and not result.rows:
             return process.INTERRUPTED
@@ -168,7 +169,7 @@ class Sweep:
             return read_settings(self.settings)
         return grid(space) if self.random is None else draw(space, self.random, self.seed)
 
-    def _open(self, out: Path, display: SweepDisplay) -> SceneBench:
+    def _open(self, out: Path, progress: Callable[[Progress], None]) -> SceneBench:
         from remind_jax.sweeps.bench import SceneBench
 
         more = scene_options(self.layout, self.masks, len(self.sources))
@@ -182,7 +183,7 @@ class Sweep:
             memory_gib=self.memory_gib,
             batch=self.batch,
             out=out,
-            progress=display,
+            progress=progress,
             workers=self.workers,
             cluster=self.cluster,
             keep_scenes=self.search is not None or self.sensitivity,

@@ -122,20 +122,8 @@ class Evaluation(Printable):
 
         Names are TrackEval's where it has one.
         """
-        fields = {
-            **self.standard_fields(),
-            "Frames": self.sizes.frames,
-            "RepeatedIDs": self.sizes.repeated_ids,
-            **recovery_scores(sum_counts(self.recovery)),
-        }
-        if self.uncertainty is not None:
-            fields |= uncertainty_scores(self.uncertainty)
-        return fields
-
-    def standard_fields(self) -> dict[str, Any]:
-        """The fields that TrackEval reports."""
         sizes = self.sizes
-        return {
+        fields = {
             **hota_scores(self.hota),
             **clear_scores(self.clear, pooled=self.is_pooled),
             **identity_scores(self.identity),
@@ -143,7 +131,13 @@ class Evaluation(Printable):
             "GT_Dets": sizes.gt_rows,
             "IDs": sizes.predicted_ids,
             "GT_IDs": sizes.gt_ids,
+            "Frames": sizes.frames,
+            "RepeatedIDs": sizes.repeated_ids,
+            **recovery_scores(sum_counts(self.recovery)),
         }
+        if self.uncertainty is not None:
+            fields |= uncertainty_scores(self.uncertainty)
+        return fields
 
     def scores(self) -> dict[str, float]:
         """One number per field (HOTA averaged over thresholds); fractions, not percent.
@@ -234,6 +228,7 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
       RemindError: If there is none.
     """
     uncertain = [e.uncertainty for e in evaluations if e.uncertainty is not None]
+    classes = [e.by_class for e in evaluations]
     return Evaluation(
         name=name,
         hota=pool_counts(e.hota for e in evaluations),
@@ -244,18 +239,12 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
         ),
         sizes=pool_counts(e.sizes for e in evaluations),
         uncertainty=pool_counts(uncertain) if uncertain else None,
-        by_class=pool_classes([e.by_class for e in evaluations]),
+        by_class={
+            label: pool_evaluations([own[label] for own in classes if label in own], label)
+            for label in dict.fromkeys(label for own in classes for label in own)
+        },
         is_pooled=True,
     )
-
-
-def pool_classes(scenes: Sequence[Mapping[str, Evaluation]]) -> dict[str, Evaluation]:
-    """Adds the counts of scenes class by class."""
-    labels = dict.fromkeys(label for scene in scenes for label in scene)
-    return {
-        label: pool_evaluations([scene[label] for scene in scenes if label in scene], label)
-        for label in labels
-    }
 
 
 def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Intervals:

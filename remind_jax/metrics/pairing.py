@@ -127,8 +127,6 @@ class PairedScene:
     """A scene ready to be scored, and what was left out on the way."""
 
     sequence: TrackingSequence
-    truth: TrackRows  # rows as in the sequence
-    prediction: TrackRows
     notes: tuple[str, ...] = ()
 
 
@@ -161,11 +159,11 @@ def pair_scene(truth: TrackRows, prediction: TrackRows) -> PairedScene:
         first_frame=min(truth.first_frame, prediction.first_frame),
     )
     if truth.is_void or not len(truth.ignored_frame) or prediction.rles is None:
-        return PairedScene(sequence, truth, prediction, notes)
+        return PairedScene(sequence, notes)
     keep = ~_find_ignored(truth, prediction)
     keep[match_detections(sequence)[1]] = True
     everything = np.ones(len(truth), bool)
-    return PairedScene(sequence.select(everything, keep), truth, prediction.select(keep), notes)
+    return PairedScene(sequence.select(everything, keep), notes)
 
 
 def align_frames(

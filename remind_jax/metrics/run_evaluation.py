@@ -169,18 +169,15 @@ def pair_with_instances(tracks: Sequence[Tracks], name: str) -> PairedScene:
     class_names = sorted({label for frame in tracks for label in frame.labels}) or ["object"]
     place = {label: index for index, label in enumerate(class_names)}
     empty = np.zeros(0, np.int64)
-    columns = [(empty, empty, empty, np.zeros((0, 4)))] + [
+    columns = [(empty, empty, empty)] + [
         (
             np.full(len(frame), frame.frame_index),
             np.asarray(frame.instance_ids, np.int64),
             np.array([place[label] for label in frame.labels], np.int64),
-            np.asarray(frame.boxes, float),
         )
         for frame in tracks
     ]
-    frame, instance, class_id, boxes = (
-        np.concatenate(column) for column in zip(*columns, strict=True)
-    )
+    frame, instance, class_id = (np.concatenate(column) for column in zip(*columns, strict=True))
     is_object = instance != NO_INSTANCE
     if len(instance) and not is_object.any():
         raise SourceError(
@@ -189,21 +186,18 @@ def pair_with_instances(tracks: Sequence[Tracks], name: str) -> PairedScene:
         )
     numbers = np.arange(len(instance))
     num_frames = tracks[-1].frame_index + 1 if tracks else 0
-    detections = TrackRows(
-        name, num_frames, frame, numbers, boxes, class_id, class_names=tuple(class_names)
-    )
-    truth = dataclasses.replace(detections, track_id=instance).select(is_object)
+    shown = numbers[is_object]
     sequence = TrackingSequence.create(
         num_frames,
-        (truth.frame, truth.track_id),
+        (frame[shown], instance[shown]),
         (frame, numbers),
-        (np.arange(len(truth)), numbers[is_object], np.ones(len(truth))),
-        gt_class=truth.class_id,
+        (np.arange(len(shown)), shown, np.ones(len(shown))),
+        gt_class=class_id[shown],
         pred_class=class_id,
         class_names=class_names,
         name=name,
     )
-    return PairedScene(sequence, truth, detections)
+    return PairedScene(sequence)
 
 
 def _judge(sequence: TrackingSequence, tracks: Sequence[Tracks]) -> UncertaintyCounts:

@@ -49,11 +49,23 @@ def compare(
       SourceError: If truth or a prediction cannot be read, or every scene of one fails.
     """
     chosen = dataclasses.replace(options or SceneOptions(), by_object=True)
-    scored = [
-        evaluate(truth, path, format=format, truth_format=truth_format, name=name, options=chosen)
+    return table_of(
+        evaluate_all(truth, predictions, format, truth_format, chosen), num_resamples=num_resamples
+    )
+
+
+def evaluate_all(
+    truth: str | Path,
+    predictions: Mapping[str, str | Path] | Sequence[str | Path],
+    format: Format | None,
+    truth_format: Format | None,
+    options: SceneOptions,
+) -> list[SetEvaluation]:
+    """Scores several predictions by the same rules; arguments as of `evaluate`."""
+    return [
+        evaluate(truth, path, format=format, truth_format=truth_format, name=name, options=options)
         for name, path in name_predictions(predictions).items()
     ]
-    return table_of(scored, num_resamples=num_resamples)
 
 
 def table_of(
