@@ -15,7 +15,6 @@ EXPECTED = (
     "counts depend on the compiler",  # they are measured anew for each version of JAX
     "OpenCV 4 has no outline font",  # both generations are supported
     "this system cannot reset the peak",  # sandboxes keep /proc/self/clear_refs to themselves
-    "needs the test network",  # its data is too large to ship
 )
 if os.environ.get("REMIND_NO_BROWSER"):  # `.ci/run` found none and could not install one
     EXPECTED += ("chromium or chromedriver is not installed",)

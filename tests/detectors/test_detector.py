@@ -1,13 +1,9 @@
 import json
-import os
 import subprocess
 import sys
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from scipy.special import expit
 
 from remind_jax.detectors import (
     CallableDetector,
@@ -26,7 +22,6 @@ from .onnx_bytes import model, node, write_echo, write_fixed_answer
 from .test_rfdetr_seg import NAMED, answer
 from .test_yolo_seg import NAMES, raw_outputs
 
-REAL = Path(os.environ.get("REMIND_REAL_DATA", "no-test-network"))
 FRAME = np.zeros((192, 256, 3), np.uint8)
 
 
@@ -220,83 +215,6 @@ def test_importing_detectors_loads_no_runtime():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
-
-
-real_model = pytest.mark.skipif(
-    not (REAL / "yolov8n-seg-int8.onnx").is_file(),
-    reason="needs the test network (folder in REMIND_REAL_DATA)",
-)
-
-
-def decode_plainly(image: np.ndarray) -> list[tuple[int, float, np.ndarray]]:
-    """The network's instances, best first, in the fewest lines: for this one file only."""
-    import onnxruntime
-
-    session = onnxruntime.InferenceSession(
-        str(REAL / "yolov8n-seg-int8.onnx"), providers=["CPUExecutionProvider"]
-    )
-    height, width = image.shape[:2]
-    scaled_height = round(height * 320 / width)
-    top = (320 - scaled_height) // 2
-    canvas = np.full((320, 320, 3), 114, np.uint8)
-    canvas[top : top + scaled_height] = cv2.resize(image, (320, scaled_height))
-    tensor = (canvas.transpose(2, 0, 1)[None] / 255).astype(np.float32)
-    rows, prototypes = (np.asarray(output) for output in session.run(None, {"images": tensor}))
-    instances: list[tuple[int, float, np.ndarray]] = []
-    boxes: list[tuple[int, np.ndarray]] = []
-    for row in sorted(rows[0].T, key=lambda row: -row[4:84].max()):
-        score, index = row[4:84].max(), int(row[4:84].argmax())
-        box = np.array([row[0], row[1], row[0], row[1]]) + row[[2, 3, 2, 3]] / [-2, -2, 2, 2]
-        if score < 0.25:
-            break
-        if any(index == other and overlap(box, seen) > 0.5 for other, seen in boxes):
-            continue
-        boxes.append((index, box))
-        plane = cv2.resize(np.tensordot(row[84:], prototypes[0], 1), (320, 320))
-        plane = cv2.resize(plane[top : top + scaled_height], (width, height))
-        y, x = np.indices((height, width)) + 0.5
-        x, y = x * 320 / width, y * scaled_height / height + top
-        inside = (x >= box[0]) & (x < box[2]) & (y >= box[1]) & (y < box[3])
-        mask = ((expit(plane) >= 0.5) & inside).astype(np.uint8)
-        instances.append((index, float(score), cv2.erode(mask, np.ones((5, 5))).astype(bool)))
-    return instances
-
-
-def overlap(a: np.ndarray, b: np.ndarray) -> float:
-    sides = np.clip(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0, None)
-    shared = sides.prod()
-    return shared / ((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - shared)
-
-
-@real_model
-@pytest.mark.parametrize(
-    ("frame", "labels"),
-    [
-        ("bedroom/JPEGImages/bedroom/00000.jpg", ["person", "bed", "person", "clock"]),
-        ("kitchen/JPEGImages/kitchen/00062.jpg", None),
-    ],
-)
-def test_the_real_network_agrees_with_a_plain_decode(frame, labels):
-    bgr = cv2.imread(str(REAL / frame))
-    if bgr is None:
-        pytest.skip(f"needs the test network and {REAL / frame}")
-    image = np.ascontiguousarray(bgr[..., ::-1])
-    detector = OnnxDetector(REAL / "yolov8n-seg-int8.onnx")
-    found = detector(image)
-    expected = decode_plainly(image)
-    if labels is not None:
-        assert list(found.labels) == labels
-        # Seen by the data's author with the frame at the top of the input, not in its middle.
-        assert np.abs(found.scores - [0.87, 0.86, 0.78, 0.49]).max() < 0.1
-    names = detector.describe()["classes"]
-    assert list(found.labels) == [names[index] for index, _, _ in expected]
-    for mask, score, (_, plain_score, plain_mask) in zip(
-        found.masks, found.scores, expected, strict=True
-    ):
-        # The same network on the same bytes, divided by 255 in another order.
-        assert abs(score - plain_score) < 1e-3
-        # Pixels on the threshold may fall either way in float32.
-        assert (mask & plain_mask).sum() / (mask | plain_mask).sum() > 0.995
 
 
 def square(size: int, top: int, left: int, shape: tuple[int, int] = (20, 30)) -> np.ndarray:

@@ -87,7 +87,6 @@ SCENE = "scene/images --masks scene/masks"
         "sweep scene/images --masks scene/masks --set decision.new=1,2 --out scene/masks",
         "benchmark scene --out scene",
         "benchmark scene --out scene/images",
-        "features scene/images --backbone patch-statistics --cache scene/images",
         "view run --source run",
         "view run --source run/overlay.mp4",
         "export run --out run/run.json --overwrite",
