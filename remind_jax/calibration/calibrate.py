@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.files import as_path
 from remind_jax.method import PAPER_METHOD
-from remind_jax.settings.ranges import check_function, check_option
+from remind_jax.settings.ranges import check_option
 from remind_jax.sources import Sampling, Source, open_source
 from remind_jax.sources.opening import check_options
 
@@ -74,7 +74,6 @@ def calibrate(
     out: str | Path | None = None,
     seed: int = 0,
     sampling: Sampling | Mapping[str, Any] | None = None,
-    progress: Callable[[str], None] | None = None,
     **source_options: Any,
 ) -> Calibration:
     """Finds thresholds of the paper's tracker for the features of a backbone, and keeps them.
@@ -89,7 +88,6 @@ def calibrate(
     """
     check_options(source_options, calibrate)
     check_option("seed", seed, 0, MAX_SEED)
-    check_function("progress", progress)
     if out is not None:
         _as_profile_path(out)
     finder = as_detector(detector, detector_options)
@@ -99,11 +97,7 @@ def calibrate(
         open_source(scene, sampling=sampling, **source_options) for scene in _as_list(scenes)
     ]
     config = start_for(opened)
-    seen: list[SceneViews] = []
-    for source in sources:
-        if progress is not None:
-            progress(source.name)
-        seen.append(read_scene(source, config, (reference, opened), finder))
+    seen = [read_scene(source, config, (reference, opened), finder) for source in sources]
     compared = choose_comparisons(seen, seed)
     same = np.concatenate([one.same for one in compared])
     made_for = MadeFor(

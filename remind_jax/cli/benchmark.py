@@ -81,7 +81,7 @@ class Benchmark:
         else:
             refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         inputs = (self.root, self.detector, self.weights)
-        refuse_folder(self.out, inputs, is_ours=_is_ours(self.out), may_hold=True)
+        refuse_folder(self.out, inputs, ("tables", "masks", "detector"), may_hold=True)
         scenes = self._find_scenes()
         setup = Setup(
             out=self.out,
@@ -185,9 +185,3 @@ class Benchmark:
     def _say(self, sentence: str) -> None:
         if not self.quiet:
             print(sentence, file=sys.stderr, flush=True)
-
-
-def _is_ours(out: Path) -> bool:
-    """Whether a folder is empty, or that of a benchmark."""
-    names = {path.name for path in out.iterdir()} if out.is_dir() else set()
-    return not names or bool(names & {"tables", "masks", "detector"})

@@ -98,8 +98,7 @@ class Sweep:
         from remind_jax.sweeps.records import FILE_NAME
 
         inputs = (*self.sources, self.masks, self.settings, self.weights)
-        is_ours = not out.is_dir() or not any(out.iterdir()) or (out / FILE_NAME).exists()
-        refuse_folder(out, inputs, is_ours=is_ours, may_hold=True)
+        refuse_folder(out, inputs, (FILE_NAME,), may_hold=True)
         obtain_named(self.backbone, self.weights, quiet=self.quiet)
         with follow_sweep(is_shown=not self.quiet) as follow:
             bench = self._open(out, follow)

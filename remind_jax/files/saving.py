@@ -10,7 +10,7 @@ import re
 import shutil
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +20,19 @@ from remind_jax.errors import OutputError
 
 
 def refuse_folder(
-    folder: Path, inputs: Iterable[Any], *, is_ours: bool = True, may_hold: bool = False
+    folder: Path, inputs: Iterable[Any], ours: Collection[str] = (), *, may_hold: bool = False
 ) -> None:
     """Makes sure that files of an output folder never come among the inputs.
 
     Args:
-      is_ours: Whether the folder holds nothing, or what was written by us. Another one is refused
-        below a folder that is read: it may be the one of the images.
+      ours: Names of which one is in a folder that we wrote. Another one that is not empty is
+        refused below a folder that is read, if there are such names: it may be that of the images.
 
     Raises:
       OutputError: If the folder is an input, or holds one.
     """
     out = _resolve(folder)
+    held = {path.name for path in folder.iterdir()} if ours and folder.is_dir() else set()
     for path in map(_resolve, _paths(inputs)):
         if out == path or (out in path.parents and not may_hold):
             what = "is" if out == path else "holds"
@@ -39,7 +40,7 @@ def refuse_folder(
                 f"the output folder '{folder}' {what} the input '{path}', which would be mixed up "
                 "with what is written; choose another folder"
             )
-        if path in out.parents and not is_ours:
+        if path in out.parents and held and not held & {*ours}:
             raise OutputError(
                 f"the output folder '{folder}' lies in the input '{path}' and holds other files; "
                 "choose an empty or another folder"

@@ -35,7 +35,7 @@ from remind_jax.formats.instance_maps import find_map_scenes, read_instance_maps
 from remind_jax.formats.mot import FileFormat, read_text_rows, recognize_format
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
 from remind_jax.metrics.run_folder import holds_run, read_run_rows
-from remind_jax.sources.class_names import UNNAMED, ClassNames, parse_metadata
+from remind_jax.sources.class_names import UNNAMED, ClassNames, find_metadata
 from remind_jax.sources.davis import metadata_files
 from remind_jax.sources.label_maps import require_classes
 
@@ -182,16 +182,12 @@ def find_classes(folder: Path, name: str) -> ClassNames | None:
       SourceError: If a metadata file is damaged.
     """
     above = [folder, *folder.parents]
+    names = [*dict.fromkeys(Path(file).name for file in metadata_files(name))]
     roots = [i for i, place in enumerate(above[:4]) if (place / "Annotations").is_dir()]
     for place in above[: roots[0] + 1 if roots else 2]:
-        for file in dict.fromkeys(Path(file).name for file in metadata_files(name)):
-            path = place / file
-            if path.is_file():
-                with files.reading(path):
-                    data = files.read_bytes(path)
-                classes = parse_metadata(data, str(path), name).classes
-                if classes is not UNNAMED:
-                    return classes
+        classes = find_metadata(place, names, name).classes
+        if classes is not UNNAMED:
+            return classes
     return None
 
 

@@ -49,14 +49,13 @@ class RecoveryCounts:
     hard_recovered: Float[np.ndarray, "*batch"]
 
 
-def collect_answers(sequence: TrackingSequence, min_similarity: float = 0.5) -> Answers:
+def collect_answers(sequence: TrackingSequence) -> Answers:
     """Matches predictions with ground truth and keeps what each visible object was called.
 
-    Within a frame the total similarity of pairs of one class is maximized; `min_similarity` 0
-    admits any overlap, as the paper does. Labels are positions in `sequence.pred_objects`; the
-    class of a label is that of its first row.
+    Within a frame the total similarity of pairs of one class is maximized. Labels are positions in
+    `sequence.pred_objects`; the class of a label is that of its first row.
     """
-    gt, pred, similarity = match_detections(sequence, min_similarity, within_class=True)
+    gt, pred, similarity = match_detections(sequence, within_class=True)
     label = np.full(len(sequence.gt_id), NO_LABEL)
     label[gt] = sequence.pred_index[pred]
     overlap = np.zeros(len(sequence.gt_id))

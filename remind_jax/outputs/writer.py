@@ -309,11 +309,6 @@ def _number_answers(tracks: Tracks) -> int:
     return hash(tuple(answer.tobytes() for answer in given))
 
 
-def holds_run(folder: Path) -> bool:
-    """Whether a folder is that of a run, finished or not."""
-    return (folder / store.DETECTIONS_NAME).exists() or (folder / CHECKPOINT_NAME).exists()
-
-
 def check_folder(folder: Path, overwrite: bool, resume: bool = False) -> None:
     """Looks whether a run may write to a folder, which need not be there; changes nothing.
 

@@ -24,12 +24,12 @@ from remind_jax.live_page.server import LivePage, parse_where
 from remind_jax.live_page.view import LiveView
 from remind_jax.outputs.frame_record import FrameRecord
 from remind_jax.outputs.result import Result
+from remind_jax.outputs.store import DETECTIONS_NAME
 from remind_jax.outputs.writer import (
     CHECKPOINT_NAME,
     MEMORY_NAME,
     ViewerRecord,
     check_folder,
-    holds_run,
 )
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.checkpoint import Checkpoints
@@ -179,6 +179,11 @@ def run(
         loop.progress = stack.enter_context(follow_run(progress, frames.name, frames.num_frames))
         if checkpoints is None:
             return run_alone(loop)
+        viewers: list[ViewerRecord] = []
+        if mcap is not None:
+            from remind_jax.outputs.mcap_record import McapRecord
+
+            viewers.append(McapRecord(mcap))
         stack.enter_context(files.locked(checkpoints.run_folder))
         return run_into(
             loop,
@@ -187,7 +192,7 @@ def run(
             overlay=overlay,
             overwrite=overwrite,
             resume=resume,
-            viewers=_open_viewers(mcap),
+            viewers=viewers,
         )
 
 
@@ -247,19 +252,9 @@ def _keep_apart(out: Path, frames: Source, mcap: Any, *others: Any) -> None:
     # Words that name something else, such as "default", are no paths.
     inputs += [one for one in others if isinstance(one, (str, Path)) and Path(one).exists()]
     inputs = [path for path in inputs if path != NO_MASKS]
-    is_ours = not out.is_dir() or not any(out.iterdir()) or holds_run(out)
-    files.refuse_folder(out, inputs, is_ours=is_ours)
+    files.refuse_folder(out, inputs, (DETECTIONS_NAME, CHECKPOINT_NAME))
     if mcap is not None:
         files.refuse_file(as_path(mcap, "the record", OutputError), inputs)
-
-
-def _open_viewers(mcap: str | Path | None) -> list[ViewerRecord]:
-    """The record that is wanted; its library is imported for it only."""
-    if mcap is None:
-        return []
-    from remind_jax.outputs.mcap_record import McapRecord
-
-    return [McapRecord(mcap)]
 
 
 @contextlib.contextmanager

@@ -25,9 +25,14 @@ def test_a_folder_that_is_or_holds_an_input_is_refused(tmp_path):
 
 
 def test_a_folder_inside_of_an_input_holds_nothing_but_ours(tmp_path):
-    refuse_folder(tmp_path / "a", [tmp_path], is_ours=True)
+    folder = tmp_path / "a"
+    refuse_folder(folder, [tmp_path], ["ours.txt"])
+    folder.mkdir()
+    (folder / "theirs.png").touch()
     with pytest.raises(OutputError, match="lies in the input"):
-        refuse_folder(tmp_path / "a", [tmp_path], is_ours=False)
+        refuse_folder(folder, [tmp_path], ["ours.txt"])
+    (folder / "ours.txt").touch()
+    refuse_folder(folder, [tmp_path], ["ours.txt"])
 
 
 def test_links_are_followed(tmp_path):
