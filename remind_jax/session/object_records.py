@@ -19,13 +19,8 @@ from remind_jax.files.limits import MAX_LABEL
 from remind_jax.formats.firm import firm_rows
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.session.answers import as_merged
-from remind_jax.session.object_pictures import (
-    Pictures,
-    best_of,
-)
+from remind_jax.session.object_pictures import Pictures, best_of
 from remind_jax.tracks import Tracks, title_of
-
-_JPEG_START = b"\xff\xd8\xff"
 
 
 @dataclasses.dataclass(frozen=True, order=True)

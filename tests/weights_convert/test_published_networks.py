@@ -14,22 +14,6 @@ from weights_convert.leaf_recipes import check_complete, recipes
 from weights_convert.stored_tensors import StoredTensor
 from weights_convert.variant_detection import Wishes, detect_variant
 
-# In millions, as the publishers' tables give them.
-PUBLISHED_COUNTS = {
-    "dinov3-vits16": 21.6,
-    "dinov3-vits16plus": 28.7,
-    "dinov3-vitb16": 86,
-    "dinov3-vitl16": 303,
-    "dinov3-vith16plus": 840,
-    "dinov3-vit7b16": 6716,
-    "dinov2-vits14": 22,
-    "dinov2-vitb14": 86.6,
-    "dinov2-vitl14": 304,
-    "dinov2-vitg14": 1136,
-    "dino-vits16": 21.7,
-    "dino-vitb16": 85.8,
-}
-
 
 def official(variant: Variant) -> dict[str, np.ndarray]:
     """One number per tensor, seen through its shape."""
