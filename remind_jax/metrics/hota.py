@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from remind_jax.metrics.combine import add_counts, sum_counts
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.sequence import TrackingSequence
 
@@ -37,15 +38,8 @@ class HotaCounts:
 
 def count_hota(sequence: TrackingSequence) -> HotaCounts:
     """Matches one sequence at all thresholds and sums what HOTA needs."""
-    chosen = match_hota(sequence)
-    similarity = sequence.pair_similarity[chosen]
-    sums = np.zeros((5, len(ALPHAS)))
-    for at, (is_match, matches, shares) in enumerate(_associate(sequence, chosen)):
-        totals = (share.sum() for share in shares)
-        sums[:, at] = matches.sum(), similarity[is_match].sum(), *totals
-    return HotaCounts(
-        sums[0], len(sequence.gt_id) - sums[0], len(sequence.pred_id) - sums[0], *sums[1:]
-    )
+    of_objects, rest = split_hota(sequence, match_hota(sequence))
+    return add_counts(sum_counts(of_objects), rest)
 
 
 def split_hota(
@@ -61,7 +55,7 @@ def split_hota(
     owner = sequence.gt_index[sequence.pair_gt[chosen]]
     claimed = np.bincount(owner, minlength=num)
     fields = np.zeros((7, num, len(ALPHAS)))
-    for at, (is_match, _, shares) in enumerate(_associate(sequence, chosen)):
+    for at, (is_match, shares) in enumerate(_associate(sequence, chosen)):
         found = np.bincount(owner[is_match], minlength=num)
         fields[:, :, at] = (
             found,
@@ -77,8 +71,8 @@ def split_hota(
 
 def _associate(
     sequence: TrackingSequence, chosen: Bool[np.ndarray, "K"]
-) -> Iterator[tuple[np.ndarray, np.ndarray, list[np.ndarray]]]:
-    """By threshold: which chosen pairs match; of each pair of ids how often, and its shares.
+) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:
+    """By threshold: which chosen pairs match, and the shares of each pair of ids.
 
     Shares are those of association accuracy, recall and precision, times the matches.
     """
@@ -89,7 +83,7 @@ def _associate(
         is_match = similarity >= alpha - EPSILON
         matches = np.bincount(id_pair[is_match], minlength=len(object_of))
         unions = (gt_lengths + pred_lengths - matches, gt_lengths, pred_lengths)
-        yield is_match, matches, [matches * (matches / np.maximum(1, u)) for u in unions]
+        yield is_match, [matches * (matches / np.maximum(1, u)) for u in unions]
 
 
 def match_hota(sequence: TrackingSequence) -> Bool[np.ndarray, "K"]:

@@ -24,7 +24,13 @@ from remind_jax.metrics.recovery import (
     find_reference,
 )
 from remind_jax.metrics.sequence import number_ids
-from remind_jax.metrics.uncertainty import find_owners, holds_truth, is_owned
+from remind_jax.metrics.uncertainty import (
+    UncertaintyCounts,
+    find_owners,
+    holds_truth,
+    is_owned,
+    uncertainty_scores,
+)
 
 # Classes that the original leaves out of truth and predictions.
 IGNORED_CLASSES = ("wall", "floor", "ceiling", "object")
@@ -59,10 +65,10 @@ GENERIC_LEGEND = (
 
 
 @dataclasses.dataclass(frozen=True)
-class PaperCounts:
+class PaperCounts(UncertaintyCounts):
     """What the paper's scores are made of; counts of several scenes add up."""
 
-    observations: Float[np.ndarray, "*batch"]
+    ambiguous_right: Float[np.ndarray, "*batch"]
     matched: Float[np.ndarray, "*batch"]
     right: Float[np.ndarray, "*batch"]  # correct by the rule of the path
     idtp: Float[np.ndarray, "*batch"]
@@ -76,11 +82,6 @@ class PaperCounts:
     opportunities: Float[np.ndarray, "*batch"]
     recovered: Float[np.ndarray, "*batch"]
     hard_recovered: Float[np.ndarray, "*batch"]
-    firm: Float[np.ndarray, "*batch"]
-    firm_right: Float[np.ndarray, "*batch"]
-    ambiguous: Float[np.ndarray, "*batch"]
-    candidate_hits: Float[np.ndarray, "*batch"]
-    ambiguous_right: Float[np.ndarray, "*batch"]
 
 
 def paper_scores(counts: PaperCounts) -> dict[str, Any]:
@@ -108,14 +109,8 @@ def paper_scores(counts: PaperCounts) -> dict[str, Any]:
         "ML": counts.mostly_lost,
         "GT_Dets": counts.observations,
         "Opportunities": counts.opportunities,
-        "FirmShare": ratio(counts.firm, counts.observations),
-        "FirmAccuracy": ratio(counts.firm_right, counts.firm),
-        "AmbiguousShare": ratio(counts.ambiguous, counts.observations),
-        "CandidateHitRate": ratio(counts.candidate_hits, counts.ambiguous),
+        **uncertainty_scores(counts),
         "CollapseAccuracy": ratio(counts.ambiguous_right, counts.ambiguous),
-        "WeakShare": ratio(
-            counts.observations - counts.firm - counts.ambiguous, counts.observations
-        ),
     }
 
 
@@ -229,6 +224,7 @@ def _count(
     recovery = count_recovery(firm, find_reference(firm))
     counts = (
         len(answer),
+        *uncertainty,
         (sightings.detection != NO_ROW).sum(),
         correct.sum(),
         identity_true,
@@ -241,7 +237,6 @@ def _count(
         recovery.opportunities.sum(),
         recovery.recovered.sum(),
         recovery.hard_recovered.sum(),
-        *uncertainty,
     )
     return PaperCounts(*(np.asarray(int(count)) for count in counts))
 
