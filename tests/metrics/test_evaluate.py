@@ -5,49 +5,33 @@ from typing import Any
 import numpy as np
 import pytest
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import Outcome
 from remind_jax.errors import RemindError, SourceError
 from remind_jax.metrics import evaluate, evaluate_tracks, pool_evaluations
 from remind_jax.tracks import Tracks
 from tests.metrics.golden import ROOT, read_json
+from tests.outputs.fake_run import make_tracks
 
 MATCH, NEW, SOFT = Outcome.MATCH, Outcome.NEW, Outcome.AMBIGUOUS
 
 
 def frame(index: int, *rows: tuple[Any, ...]) -> Tracks:
     """Rows: instance, outcome, id, then perhaps candidates with scores, score and label."""
-    num = len(rows)
-    ids, scores = np.full((num, 3), NO_ID), np.zeros((num, 3))
-    for row, (_, _, _, *more) in enumerate(rows):
-        candidates = more[0] if more else {}
-        ids[row, : len(candidates)] = list(candidates)
-        scores[row, : len(candidates)] = list(candidates.values())
-    outcome = np.array([row[1] for row in rows], np.int32)
-    given = np.array([row[2] for row in rows], np.int32)
-    is_firm = np.isin(outcome, [MATCH, NEW])
-    zeros = np.zeros(num, np.int32)
-    return Tracks(
-        frame_index=index,
-        source_index=index,
-        time_s=float(index),
-        name=str(index),
-        frame_size=(4, 4),
-        outcome=outcome,
-        reason=zeros,
-        object_id=np.where(is_firm, given, NO_ID),
-        pending_id=np.where(is_firm, NO_ID, given),
-        status=zeros,
-        score=np.array([row[4] if len(row) > 4 else 0.5 for row in rows]),
-        confidence=np.ones(num),
-        candidate_id=ids,
-        candidate_score=scores,
-        labels=tuple(row[5] if len(row) > 5 else "cup" for row in rows),
-        boxes=np.zeros((num, 4)),
-        areas=np.ones(num, np.int32),
-        detector_scores=np.ones(num),
-        instance_ids=np.array([row[0] for row in rows], np.int32),
-        rles=(),
-    )
+    told = []
+    for instance, outcome, number, *more in rows:
+        defaults: tuple[Any, ...] = ({}, 0.5, "cup")
+        candidates, score, label = (*more, *defaults[len(more) :])
+        told.append(
+            {
+                "instance_id": instance,
+                "outcome": outcome,
+                "object_id" if outcome in (MATCH, NEW) else "pending_id": number,
+                "candidates": [*candidates.items()],
+                "score": score,
+                "label": label,
+            }
+        )
+    return make_tracks(index, np.ones((len(rows), 4, 4), bool), told)
 
 
 # Object 1 leaves after frame 1 and returns in frame 4, undecided at first; object 2 stays.

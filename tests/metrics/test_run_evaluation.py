@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.masks.run_length import encode_label_map, encode_masks
+from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics import SceneOptions, evaluate, evaluate_tracks
 from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
 from remind_jax.outputs.store import DETECTIONS_NAME, DetectionsWriter
 from remind_jax.tracks import Tracks
 from tests.formats import scenes as made
 from tests.formats.scenes import CLASSES
-from tests.outputs.fake_run import make_info
+from tests.outputs.fake_run import make_info, make_tracks
 
 LINES = ["11.22.", "11.22.", "11....", "11.22.", ".1122."]
 OUTCOMES = {"n": Outcome.NEW, "m": Outcome.MATCH, "a": Outcome.AMBIGUOUS, "-": Outcome.UNASSIGNED}
@@ -32,36 +32,20 @@ def make_run() -> list[Tracks]:
 
 
 def _frame(at: int, line: str, said: str) -> Tracks:
-    codes = encode_label_map(made.label_maps([line])[0])
-    answers = said.split()
-    num = len(answers)
-    outcome = np.array([OUTCOMES[answer[0]] for answer in answers], np.int32)
-    ids = [int(answer[1:]) if answer[0] in "nm" else NO_ID for answer in answers]
-    zeros = np.zeros(num, np.int32)
-    candidates = np.tile([8, 7], (num, 1))
-    candidates[outcome != Outcome.AMBIGUOUS] = NO_ID
-    return Tracks(
-        frame_index=at,
-        source_index=at,
-        time_s=float(at),
-        name=f"{at:05d}.jpg",
-        frame_size=(made.HEIGHT, len(line)),
-        outcome=outcome,
-        reason=zeros,
-        object_id=np.array(ids, np.int32),
-        pending_id=zeros + NO_ID,
-        status=zeros,
-        score=np.ones(num),
-        confidence=np.ones(num),
-        candidate_id=candidates,
-        candidate_score=np.tile([0.9, 0.8], (num, 1)),
-        labels=tuple(CLASSES[number] for number in codes),
-        boxes=np.zeros((num, 4)),
-        areas=np.array([int((np.array(list(line)) == str(n)).sum()) * 4 for n in codes], np.int32),
-        detector_scores=np.ones(num),
-        instance_ids=np.array(list(codes), np.int32),
-        rles=tuple(codes.values()),
-    )
+    labels = made.label_maps([line])[0]
+    numbers = np.unique(labels[labels > 0]).tolist()
+    rows = [
+        {
+            "instance_id": number,
+            "label": CLASSES[number],
+            "outcome": OUTCOMES[kind],
+            "object_id": int(given) if kind in "nm" else NO_ID,
+            "candidates": [(8, 0.9), (7, 0.8)] if kind == "a" else [],
+        }
+        for number, (kind, given) in zip(numbers, said.split(), strict=True)
+    ]
+    tracks = make_tracks(at, labels == np.array(numbers)[:, None, None], rows)
+    return dataclasses.replace(tracks, source_index=at, name=f"{at:05d}.jpg")
 
 
 def save(folder: Path, run: list[Tracks]) -> Path:
