@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from remind_jax.decision import Outcome
 from remind_jax.formats.mot import FileFormat, fit_texts, read_text_rows
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.sequence import TrackingSequence
@@ -16,6 +17,15 @@ ROOT = Path(__file__).resolve().parents[1] / "golden" / "metrics"
 BOX_CASES = sorted(path.name for path in (ROOT / "boxes").iterdir())
 MASK_CASES = sorted(path.name for path in (ROOT / "masks").iterdir())
 ALL_CASES = [("boxes", name) for name in BOX_CASES] + [("masks", name) for name in MASK_CASES]
+
+OUTCOMES = {  # as the original calls them
+    "MATCH": Outcome.MATCH,
+    "NEW": Outcome.NEW,
+    "AMBIGUOUS_TRACK": Outcome.AMBIGUOUS,
+    "PROVISIONAL_PARENT": Outcome.PROVISIONAL_PARENT,
+    "PROVISIONAL_NEW": Outcome.PROVISIONAL_NEW,
+    "UNASSIGNED": Outcome.UNASSIGNED,
+}
 
 # Sums in another order differ in the last bits; the values are at most a few thousand.
 TOLERANCE = 1e-9

@@ -34,24 +34,13 @@ def sequence_from_answers(*lines: str) -> TrackingSequence:
     A letter is what the object was called, `?` is visible without answer, `.` is out of view.
     Overlaps are perfect.
     """
-    num_frames = len(lines[0])
-    gt: list[list[int]] = [[] for _ in range(num_frames)]
-    pred: list[list[int]] = [[] for _ in range(num_frames)]
-    pairs: list[list[tuple[int, int]]] = [[] for _ in range(num_frames)]
-    for number, line in enumerate(lines):
-        for frame, called in enumerate(line):
-            if called == ".":
-                continue
-            if called != "?":
-                pairs[frame].append((len(gt[frame]), len(pred[frame])))
-                pred[frame].append(ord(called))
-            gt[frame].append(number)
-    matrices = []
-    for frame in range(num_frames):
-        matrix = np.zeros((len(gt[frame]), len(pred[frame])))
-        for row, column in pairs[frame]:
-            matrix[row, column] = 1.0
-        matrices.append(matrix)
+    gt, pred, matrices = [], [], []
+    for called in zip(*lines, strict=True):
+        seen = [number for number, one in enumerate(called) if one != "."]
+        answered = [number for number in seen if called[number] != "?"]
+        gt.append(seen)
+        pred.append([ord(called[number]) for number in answered])
+        matrices.append(np.equal.outer(seen, answered).astype(float))
     return from_frames(gt, pred, matrices)
 
 

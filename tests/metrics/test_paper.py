@@ -16,17 +16,9 @@ from remind_jax.metrics.paper import (
     count_remind,
     paper_scores,
 )
-from tests.metrics.golden import ROOT, read_json
+from tests.metrics.golden import OUTCOMES, ROOT, read_json
 
 CASES: dict[str, Any] = read_json(ROOT / "original_evaluator.json")["cases"]
-OUTCOMES = {
-    "MATCH": Outcome.MATCH,
-    "NEW": Outcome.NEW,
-    "AMBIGUOUS_TRACK": Outcome.AMBIGUOUS,
-    "PROVISIONAL_PARENT": Outcome.PROVISIONAL_PARENT,
-    "PROVISIONAL_NEW": Outcome.PROVISIONAL_NEW,
-    "UNASSIGNED": Outcome.UNASSIGNED,
-}
 SCORES = {
     "idp": "IDP",
     "idr": "IDR",

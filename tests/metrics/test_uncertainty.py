@@ -8,17 +8,9 @@ import pytest
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.metrics.decisions import Decisions
 from remind_jax.metrics.uncertainty import UncertaintyCounts, count_uncertainty, uncertainty_scores
-from tests.metrics.golden import ROOT, read_json
+from tests.metrics.golden import OUTCOMES, ROOT, read_json
 
 GOLDEN = read_json(ROOT / "uncertainty.json")
-OUTCOMES = {
-    "MATCH": Outcome.MATCH,
-    "NEW": Outcome.NEW,
-    "AMBIGUOUS_TRACK": Outcome.AMBIGUOUS,
-    "PROVISIONAL_PARENT": Outcome.PROVISIONAL_PARENT,
-    "PROVISIONAL_NEW": Outcome.PROVISIONAL_NEW,
-    "UNASSIGNED": Outcome.UNASSIGNED,
-}
 
 
 def count(
