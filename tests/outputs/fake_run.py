@@ -10,6 +10,7 @@ import numpy as np
 from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.masks.run_length import encode_masks
+from remind_jax.outputs.gallery import Sighting, SightingCollector
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import Event, MemoryUse, RunInfo
 from remind_jax.outputs.writer import RunWriter
@@ -167,9 +168,17 @@ def _place(
     return (np.abs(xs - x) <= half_w) & (np.abs(ys - y) <= half_h)
 
 
-def write_run(folder: Path, frames: Sequence[Frame], result: Result) -> None:
+def write_run(folder: Path, frames: Sequence[Frame], result: Result, **options: bool) -> None:
     """The folder of a run, as `remind run` writes it."""
-    with RunWriter(folder, result.info, overwrite=True) as writer:
+    with RunWriter(folder, result.info, **options) as writer:
         for frame, tracks in zip(frames, result.tracks, strict=True):
             writer.add(frame, tracks)
         writer.finish(result)
+
+
+def collect(frames: Sequence[Frame], result: Result) -> list[Sighting]:
+    """The best views of each identity of a run."""
+    collector = SightingCollector()
+    for frame, tracks in zip(frames, result.tracks, strict=True):
+        collector.add(frame.image, tracks)
+    return collector.sightings

@@ -10,10 +10,10 @@ from remind_jax.outputs.gallery import (
     crop_detection,
 )
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
-from tests.outputs.fake_run import make_run, make_tracks
+from tests.outputs.fake_run import collect, make_run, make_tracks
 
 
-def collect(presence: str):
+def collect_of(presence: str):
     collector = SightingCollector()
     for index, seen in enumerate(presence):
         rows = [{"object_id": 3}] if seen == "x" else []
@@ -23,25 +23,23 @@ def collect(presence: str):
 
 def test_crops_are_taken_at_the_returns_that_the_result_reports():
     frames, result = make_run(60)
-    collector = SightingCollector()
-    for frame, tracks in zip(frames, result.tracks, strict=True):
-        collector.add(frame.image, tracks)
+    sightings = collect(frames, result)
     returns = [(history.object_id, at) for history in result.objects() for at in history.returns]
-    taken = [(s.object_id, s.position) for s in collector.sightings if s.absent_frames]
+    taken = [(s.object_id, s.position) for s in sightings if s.absent_frames]
     assert sorted(taken) == sorted(returns)
-    firsts = [s.object_id for s in collector.sightings if not s.absent_frames]
+    firsts = [s.object_id for s in sightings if not s.absent_frames]
     assert firsts == [0, 1, 2, 3, 4, 5]
 
 
 def test_flicker_is_no_return():
     short, long = "." * (MIN_ABSENCE_FRAMES - 1), "." * MIN_ABSENCE_FRAMES
-    assert len(collect(f"xx{short}x")) == 1
-    (_, back) = collect(f"xx{long}x")
+    assert len(collect_of(f"xx{short}x")) == 1
+    (_, back) = collect_of(f"xx{long}x")
     assert back.absent_frames == MIN_ABSENCE_FRAMES
 
 
 def test_crops_of_one_identity_are_limited():
-    assert len(collect(("x" + "." * MIN_ABSENCE_FRAMES) * 20)) == MAX_SIGHTINGS
+    assert len(collect_of(("x" + "." * MIN_ABSENCE_FRAMES) * 20)) == MAX_SIGHTINGS
 
 
 def square(left: int, top: int, side: int) -> np.ndarray:

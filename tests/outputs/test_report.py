@@ -13,21 +13,13 @@ import pytest
 from remind_jax.explanation.remind.explanation import RemindExplanation
 from remind_jax.frame import SkippedFrame
 from remind_jax.outputs import report
-from remind_jax.outputs.gallery import SightingCollector
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import Event
-from remind_jax.outputs.writer import TRACE_NAME, RunWriter
-from tests.outputs.fake_run import make_info, make_run, make_tracks
+from remind_jax.outputs.writer import TRACE_NAME
+from tests.outputs.fake_run import collect, make_info, make_run, make_tracks, write_run
 from tests.outputs.traced_run import EMPTY, UNDECIDED, make_plus_run, make_traced_run
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> {{data}} \u2028 & '\""
-
-
-def collect(frames, result):
-    collector = SightingCollector()
-    for frame, tracks in zip(frames, result.tracks, strict=True):
-        collector.add(frame.image, tracks)
-    return collector.sightings
 
 
 def data_of(page: str) -> dict:
@@ -188,9 +180,6 @@ def test_a_run_without_trace_has_no_explanations():
 def test_a_folder_keeps_the_trace_of_its_own_run_only(tmp_path):
     frames, result = make_traced_run(4)
     for made, has_trace in ((result, True), (dataclasses.replace(result, trace=None), False)):
-        with RunWriter(tmp_path, made.info, overlay=False, overwrite=True) as writer:
-            for frame, tracks in zip(frames, made.tracks, strict=True):
-                writer.add(frame, tracks)
-            writer.finish(made)
+        write_run(tmp_path, frames, made, overlay=False, overwrite=True)
         assert (tmp_path / TRACE_NAME).exists() == has_trace
         assert (Result.load(tmp_path).explainer is not None) == has_trace

@@ -14,20 +14,12 @@ from remind_jax.outputs.report import read_sightings
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import FILE_NAMES, RunWriter, render_again
 from tests.cli import scenes
-from tests.outputs.fake_run import make_info, make_run
+from tests.outputs.fake_run import make_info, make_run, write_run
 
 
 @pytest.fixture(scope="module")
 def made():
     return make_run(num_frames=30)
-
-
-def write(folder: Path, made, **options) -> None:
-    frames, result = made
-    with RunWriter(folder, result.info, **options) as writer:
-        for frame, tracks in zip(frames, result.tracks, strict=True):
-            writer.add(frame, tracks)
-        writer.finish(result)
 
 
 def crops_of(folder: Path) -> list[tuple[int, int, bytes]]:
@@ -41,7 +33,7 @@ def count_frames(path: Path) -> int:
 
 
 def test_a_finished_run_has_everything(tmp_path, made):
-    write(tmp_path / "out", made)
+    write_run(tmp_path / "out", *made)
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(FILE_NAMES)
     assert count_frames(tmp_path / "out" / "overlay.mp4") == 30
     run = json.loads((tmp_path / "out" / "run.json").read_text())
@@ -54,7 +46,7 @@ def test_a_finished_run_has_everything(tmp_path, made):
 
 def test_frames_without_images_are_written(tmp_path, made):
     frames = [type(f)(f.index, f.source_index, f.time_s, f.name) for f in made[0]]
-    write(tmp_path, (frames, made[1]))
+    write_run(tmp_path, frames, made[1])
     assert count_frames(tmp_path / "overlay.mp4") == 30
 
 
@@ -85,14 +77,14 @@ def test_without_a_frame_there_is_no_video(tmp_path, made):
 def test_an_unusable_frame_rate_gets_a_neutral_one(tmp_path, made):
     frames, result = made
     info = type(result.info)(**{**vars(result.info), "fps": 0.0})
-    write(tmp_path, (frames[:3], type(result)(result.tracks[:3], info)))
+    write_run(tmp_path, frames[:3], type(result)(result.tracks[:3], info))
     assert Result.load(tmp_path).info.fps == 10
 
 
 def test_overwriting_removes_only_what_a_run_writes(tmp_path, made):
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "overlay.mp4").write_text("old")
-    write(tmp_path, made, overwrite=True, overlay=False)
+    write_run(tmp_path, *made, overwrite=True, overlay=False)
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert not (tmp_path / "overlay.mp4").exists()
 
@@ -151,13 +143,13 @@ def test_failing_to_finish_leaves_an_incomplete_run(tmp_path, made, monkeypatch)
 
     monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(OutputError, match="No space left"):
-        write(tmp_path, made)
+        write_run(tmp_path, *made)
     loaded = Result.load(tmp_path)
     assert (loaded.complete, len(loaded)) == (False, 30)
 
 
 def test_rendering_again_from_the_source_restores_every_picture(tmp_path, made):
-    write(tmp_path, made)
+    write_run(tmp_path, *made)
     names = ("overlay.mp4", "report.html", "mot.txt")
     before = {name: (tmp_path / name).read_bytes() for name in names}
     crops = crops_of(tmp_path)
@@ -172,7 +164,7 @@ def test_rendering_again_from_the_source_restores_every_picture(tmp_path, made):
 
 
 def test_rendering_again_without_a_source_keeps_images(tmp_path, made):
-    write(tmp_path, made)
+    write_run(tmp_path, *made)
     overlay_before = (tmp_path / "overlay.mp4").read_bytes()
     crops = read_sightings(tmp_path / "report.html")
     result = render_again(tmp_path)
@@ -186,7 +178,7 @@ def test_rendering_again_without_a_source_keeps_images(tmp_path, made):
 
 
 def test_a_killed_run_is_drawn_from_its_detections(tmp_path, made):
-    write(tmp_path, made)
+    write_run(tmp_path, *made)
     for path in tmp_path.iterdir():
         if path.name != "detections.jsonl":
             path.unlink()
@@ -200,7 +192,7 @@ def test_a_killed_run_is_drawn_from_its_detections(tmp_path, made):
 
 
 def test_a_source_that_lacks_frames_is_refused_and_nothing_is_lost(tmp_path, made):
-    write(tmp_path, made)
+    write_run(tmp_path, *made)
     before = (tmp_path / "overlay.mp4").read_bytes()
     with pytest.raises(OutputError, match=r"the source has no frame 20 \('000020.jpg'\)"):
         render_again(tmp_path, made[0][:10])

@@ -6,7 +6,6 @@ import gc
 import math
 import threading
 import time
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from remind_jax.sources import LiveSource
 from remind_jax.sources.live_source import PASSED_OVER, LiveOptions
 from tests.sources.cameras import Camera, number_in
 from tests.sources.rtsp_camera import RtspCamera
+from tests.sources.test_feed import wait_for
 
 pytestmark = pytest.mark.heavy
 
@@ -25,13 +25,6 @@ def open_live(*args, **options) -> LiveSource:
     source = rj.open_source(*args, **options)
     assert isinstance(source, LiveSource)
     return source
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 def drop_out(camera: Camera | RtspCamera) -> None:
