@@ -24,11 +24,10 @@ _JPEG_QUALITY = 92
 
 
 def write_davis(sequence: RenderedSequence | Scene, folder: str | Path) -> Path:
-    """Writes a folder with `JPEGImages/<name>`, `Annotations/<name>` and two metadata files.
+    """Writes a folder with `JPEGImages/<name>`, `Annotations/<name>` and `metadata.json`.
 
-    Annotations are 8-bit grayscale instance maps, 0 where nothing is annotated;
-    `metadata_one_class.json` says the same with every object in class `object`. A scene is
-    rendered frame by frame, so that long tours need little memory.
+    Annotations are 8-bit grayscale instance maps, 0 where nothing is annotated. A scene is rendered
+    frame by frame, so that long tours need little memory.
 
     Returns:
       The folder.
@@ -98,10 +97,9 @@ def _write_frames(
             (image_folder / f"{frame.name}.jpg").write_bytes(picture)
             (map_folder / f"{frame.name}.png").write_bytes(_encode(".png", instances))
         yield frame, picture
-    for file_name, one_class in (("metadata.json", False), ("metadata_one_class.json", True)):
-        text = json.dumps(_describe(scene, sightings, one_class), indent=1)
-        with _writing(root):
-            (root / file_name).write_text(text + "\n")
+    with _writing(root):
+        text = json.dumps(_describe(scene, sightings), indent=1)
+        (root / "metadata.json").write_text(text + "\n")
 
 
 def _encode(suffix: str, image: np.ndarray, parameters: Sequence[int] = ()) -> bytes:
@@ -111,14 +109,14 @@ def _encode(suffix: str, image: np.ndarray, parameters: Sequence[int] = ()) -> b
     return data.tobytes()
 
 
-def _describe(scene: Scene, sightings: dict[int, list[int]], one_class: bool) -> dict[str, Any]:
+def _describe(scene: Scene, sightings: dict[int, list[int]]) -> dict[str, Any]:
     classes, labels, objects = {}, {}, {}
     counts: dict[str, int] = defaultdict(int)
     for item in scene.objects:
         seen = sightings.get(item.instance_id)
         if not seen:
             continue
-        key, label = str(item.instance_id), "object" if one_class else item.label
+        key, label = str(item.instance_id), item.label
         counts[label] += 1
         classes[key], labels[key] = label, f"{label}_{counts[label]:02d}"
         objects[key] = {

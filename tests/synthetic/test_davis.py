@@ -17,7 +17,6 @@ def test_davis_layout_holds_the_sequence(tiny, tmp_path):
         "Annotations",
         "JPEGImages",
         "metadata.json",
-        "metadata_one_class.json",
     ]
     for frame in tiny.frames:
         path = root / "Annotations" / "tiny" / f"{frame.name}.png"
@@ -44,8 +43,6 @@ def test_davis_metadata_names_ids(tiny, tmp_path):
     assert all(labels[int(key)] == name for key, name in data["id_to_class"].items())
     assert len(set(data["id_to_label"].values())) == len(seen)
     assert (data["frames"], data["width"], data["height"]) == (6, 160, 120)
-    one_class = json.loads((root / "metadata_one_class.json").read_text())
-    assert set(one_class["id_to_class"].values()) == {"object"}
 
 
 def test_a_scene_is_rendered_while_writing(tiny, tmp_path):
