@@ -22,7 +22,7 @@ from remind_jax.decision import NO_ID
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError
 from remind_jax.explanation.explainer import new_archive
-from remind_jax.frame import Detections, Frame
+from remind_jax.frame import Frame
 from remind_jax.live_page.view import LiveView
 from remind_jax.outputs.frame_record import FrameRecord
 from remind_jax.outputs.presence import UNDECIDED
@@ -109,12 +109,10 @@ class FrameLoop:
 
     def prepare(self) -> contextlib.closing[Generator[Upcoming, None, None]]:
         """The frames, decoded and reduced ahead of the tracker in another thread; see above."""
-        decoded = _decode(self.source, self.detector, self.num_before)
-        if self._live is not None:
-            return contextlib.closing(self._prepare_in_turn(decoded))
-        return contextlib.closing(
-            prefetch(decoded, self._prepare, depth=_AHEAD, size_of=_count_bytes)
-        )
+        upcoming = self._read()
+        if self._live is None:
+            upcoming = prefetch(upcoming, depth=_AHEAD, size_of=_count_bytes)
+        return contextlib.closing(upcoming)
 
     def keep_on_disk(self, folder: Path) -> None:
         """Keeps the frames on the disk of a folder, so that memory does not grow with them."""
@@ -205,11 +203,19 @@ class FrameLoop:
             trace=archive,
         )
 
-    def _prepare_in_turn(self, items: Generator[_Decoded, None, None]) -> Generator[Upcoming]:
-        """Every frame when it is asked for."""
-        with contextlib.closing(items):
-            for decoded in items:
-                yield self._prepare(decoded)
+    def _read(self) -> Generator[Upcoming, None, None]:
+        """Every frame of the source, each when it is asked for."""
+        waited = "decode" if self._live is None else "wait"
+        start = time.perf_counter()
+        for number, frame in enumerate(self.source):
+            spent = {waited: 1000 * (time.perf_counter() - start)}
+            if number < self.num_before:
+                _check_same(self._before[number][0], frame)
+                self.tracker.pass_over(frame)
+                yield Upcoming(frame)
+            else:
+                yield self._prepare(frame, spent)
+            start = time.perf_counter()
 
     def _warm_up(self, content: Content) -> None:
         """Compiles and loads all for pictures of one size, so that the first does not age."""
@@ -220,17 +226,21 @@ class FrameLoop:
         height, width = content.image.shape[:2]
         self._compile_s += self.tracker.warm_up((height, width))
 
-    def _prepare(self, decoded: _Decoded) -> Upcoming:
-        frame = decoded.frame
-        if decoded.number < self.num_before:
-            _check_same(self._before[decoded.number][0], frame)
-            self.tracker.pass_over(frame)
-            return Upcoming(frame)
+    def _prepare(self, frame: Frame, spent: dict[str, float]) -> Upcoming:
+        """Detects and reduces; takes the milliseconds that decoding took."""
+        detector, dropped = self.detector, Counter[str]()
+        if detector is not None:
+            if frame.image is None:
+                raise SourceError(f"frame '{frame.name}' has no image for the detector to look at")
+            start, before = time.perf_counter(), Counter(detector.dropped)
+            frame = dataclasses.replace(frame, detections=detector(frame.image))
+            spent["detect"] = 1000 * (time.perf_counter() - start)
+            dropped = Counter(detector.dropped) - before
         if self.record is not None:
             self.record.add(frame)
         prepared = self.tracker.prepare(frame)
-        prepared = dataclasses.replace(prepared, stage_ms={**decoded.spent, **prepared.stage_ms})
-        return Upcoming(frame, prepared, decoded.dropped)
+        prepared = dataclasses.replace(prepared, stage_ms={**spent, **prepared.stage_ms})
+        return Upcoming(frame, prepared, dropped)
 
     def _take(self, upcoming: Upcoming, writer: RunWriter | None) -> None:
         """Decides about a frame."""
@@ -368,34 +378,3 @@ def _count_bytes(upcoming: Upcoming) -> int:
     if prepared is not None:
         held += [prepared.image, *jax.tree.leaves(prepared.masks)]
     return sum(array.nbytes for array in held if array is not None)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Decoded:
-    """A frame with its detections."""
-
-    number: int
-    frame: Frame
-    spent: dict[str, float]  # milliseconds that decoding and detecting took
-    dropped: Counter[str]  # by the detector
-
-
-def _decode(
-    source: Source, detector: Detector | None, num_done: int
-) -> Generator[_Decoded, None, None]:
-    """The frames; nothing is detected in the first `num_done`."""
-    start = time.perf_counter()
-    for number, frame in enumerate(source):
-        decoded = time.perf_counter()
-        waited = "wait" if isinstance(source, LiveSource) else "decode"
-        spent, dropped = {waited: 1000 * (decoded - start)}, Counter[str]()
-        if detector is not None and number >= num_done:
-            if frame.image is None:
-                raise SourceError(f"frame '{frame.name}' has no image for the detector to look at")
-            before = Counter(detector.dropped)
-            found: Detections = detector(frame.image)
-            frame = dataclasses.replace(frame, detections=found)
-            spent["detect"] = 1000 * (time.perf_counter() - decoded)
-            dropped = Counter(detector.dropped) - before
-        yield _Decoded(number, frame, spent, dropped)
-        start = time.perf_counter()
