@@ -140,3 +140,12 @@ def _look_ahead_only_when_asked(request, monkeypatch):
 @pytest.fixture
 def looks_ahead():
     """Prepares larger capacities as users' trackers do."""
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    """For tests of pages, which are marked by `tests.headless_browser.needs_browser`."""
+    from tests.headless_browser import open_browser
+
+    with open_browser(tmp_path_factory.mktemp("profile")) as browser:
+        yield browser

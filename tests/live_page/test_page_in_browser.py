@@ -10,14 +10,7 @@ import pytest
 from remind_jax.live_page.server import LivePage
 from remind_jax.live_page.view import LiveView
 from remind_jax.sources.live_source import LiveSource, SourceStatus
-from tests.headless_browser import (
-    asked_by,
-    find,
-    needs_browser,
-    open_browser,
-    said_by,
-    wait_for,
-)
+from tests.headless_browser import asked_by, find, needs_browser, said_by, wait_for
 from tests.outputs.fake_run import make_run
 
 pytestmark = needs_browser
@@ -62,12 +55,6 @@ class Shown:
 
     def wait_for_frames(self, count: int) -> None:
         self.wait_for(f"document.getElementById('frames').textContent === '{count}'")
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with open_browser(tmp_path_factory.mktemp("profile")) as browser:
-        yield browser
 
 
 @pytest.fixture

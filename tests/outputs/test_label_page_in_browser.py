@@ -13,14 +13,7 @@ from remind_jax.outputs.label_edits import (
     write_label_page,
 )
 from remind_jax.outputs.result import Result
-from tests.headless_browser import (
-    asked_by,
-    find,
-    needs_browser,
-    open_browser,
-    said_by,
-    wait_for,
-)
+from tests.headless_browser import asked_by, find, needs_browser, said_by, wait_for
 from tests.outputs.fake_run import make_run, write_run
 
 NUM_FRAMES = 60  # odd objects are away in frames 20 to 39
@@ -36,12 +29,6 @@ def folder(tmp_path_factory):
     write_run(folder, frames, result)
     write_label_page(folder)
     return folder
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with open_browser(tmp_path_factory.mktemp("profile")) as browser:
-        yield browser
 
 
 @pytest.fixture

@@ -11,14 +11,7 @@ import numpy as np
 import pytest
 
 from remind_jax.outputs import report
-from tests.headless_browser import (
-    asked_by,
-    find,
-    needs_browser,
-    open_browser,
-    said_by,
-    wait_for,
-)
+from tests.headless_browser import asked_by, find, needs_browser, said_by, wait_for
 from tests.outputs.fake_run import make_run, write_run
 from tests.outputs.traced_run import UNDECIDED, make_plus_run, make_traced_run
 
@@ -34,12 +27,6 @@ def folder(tmp_path_factory):
     frames, result = make_run(NUM_FRAMES, size=(240, 320))
     write_run(folder, frames, result)
     return folder
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with open_browser(tmp_path_factory.mktemp("profile")) as browser:
-        yield browser
 
 
 @pytest.fixture

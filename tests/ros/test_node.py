@@ -105,12 +105,16 @@ def start(monkeypatch):
         identity_node.close()
 
 
-def show(node: StandInNode, index: int) -> None:
+def send(node: StandInNode, index: int) -> None:
     picture, numbers = messages.scene(index)
-    before = len(node.published["~/detections"])
     stamp = 1_000_000_000 + 100_000_000 * index
     node.receive("~/image", messages.image(picture, "rgb8", stamp))
     node.receive("~/instances", messages.image(numbers, "16UC1", stamp))
+
+
+def show(node: StandInNode, index: int) -> None:
+    before = len(node.published["~/detections"])
+    send(node, index)
     node.wait_for(lambda: len(node.published["~/detections"]) > before)
 
 
@@ -175,10 +179,7 @@ def test_a_busy_tracker_skips_images(start):
     identity_node._lock.acquire()  # as if one image took long
     try:
         for index in range(1, 6):
-            picture, numbers = messages.scene(index)
-            stamp = 1_000_000_000 + 100_000_000 * index
-            node.receive("~/image", messages.image(picture, "rgb8", stamp))
-            node.receive("~/instances", messages.image(numbers, "16UC1", stamp))
+            send(node, index)
     finally:
         identity_node._lock.release()
     node.wait_for(lambda: node.published["~/identities"][-1].header.stamp.nanosec == 500_000_000)
