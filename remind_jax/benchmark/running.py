@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import dataclasses
 import hashlib
 import json
@@ -30,6 +29,7 @@ from remind_jax.detectors import DetectorOptions
 from remind_jax.errors import RemindError, first_line
 from remind_jax.masks.alignment import Alignment
 from remind_jax.outputs.result import Result
+from remind_jax.session.growing_memory import return_freed_memory
 from remind_jax.session.run import run
 from remind_jax.sources.sampling import Sampling
 
@@ -167,8 +167,7 @@ def reset_peak() -> bool:
 
     What a compiler has freed, gigabytes, first goes back to the system.
     """
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)  # glibc only
+    return_freed_memory()
     with contextlib.suppress(OSError):
         _CLEAR.write_text(_RESET_PEAK)
         return True

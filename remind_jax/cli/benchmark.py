@@ -17,7 +17,6 @@ from remind_jax.cli.flags import (
     DetectionFlags,
     SamplingFlags,
     quiet_defaults,
-    refuse_flags,
 )
 from remind_jax.errors import ConfigError
 from remind_jax.files import locked, refuse_folder
@@ -78,8 +77,7 @@ class Benchmark:
         contenders = make_contenders([name for names in self.methods for name in names])
         if self.detector is not None:
             OnnxDetector(self.detector)  # else every run would fail for it
-        else:
-            refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
+        self.detection.check_used_by(self.detector)
         inputs = (self.root, self.detector, self.weights)
         refuse_folder(self.out, inputs, ("tables", "masks", "detector"), may_hold=True)
         scenes = self._find_scenes()

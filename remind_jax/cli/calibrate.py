@@ -16,7 +16,6 @@ from remind_jax.cli.flags import (
     SamplingFlags,
     past_the_parser,
     quiet_defaults,
-    refuse_flags,
 )
 from remind_jax.cli.run import Layout, scene_options
 from remind_jax.errors import SourceError
@@ -63,8 +62,7 @@ class Calibrate:
         """Calibrates and reports; returns the exit code."""
         if not self.sources:
             raise SourceError("name the scenes to calibrate on: folders with masks")
-        if self.detector is None:
-            refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
+        self.detection.check_used_by(self.detector)
         more = scene_options(self.layout, self.masks, len(self.sources))
         if self.out is not None:
             inputs = (*self.sources, self.masks, self.weights, self.detector)

@@ -103,17 +103,6 @@ def quiet_defaults(flags: type[VerbT]) -> type[VerbT]:
     return flags
 
 
-def refuse_flags(group: Any, reason: str) -> None:
-    """Refuses flags that would change nothing.
-
-    Raises:
-      UsageError: If one of them has another value than its default.
-    """
-    for field in dataclasses.fields(group):
-        if getattr(group, field.name) != field.default:
-            raise UsageError(f"{spell_flag(field.name)} {reason}")
-
-
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class SamplingFlags(Sampling):
@@ -132,6 +121,18 @@ class DetectionFlags(DetectorOptions):
     def __post_init__(self) -> None:
         with past_the_parser():
             super().__post_init__()
+
+    def check_used_by(self, detector: Path | None) -> None:
+        """Refuses flags that would change nothing.
+
+        Raises:
+          UsageError: If there is no detector, and one of them has another value than its default.
+        """
+        for field in dataclasses.fields(self):
+            if detector is None and getattr(self, field.name) != field.default:
+                raise UsageError(
+                    f"{spell_flag(field.name)} is for a detector; give --detector, or leave it out"
+                )
 
 
 class PageAddress:

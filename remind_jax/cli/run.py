@@ -24,7 +24,6 @@ from remind_jax.cli.flags import (
     TrackerName,
     load_config_with,
     quiet_defaults,
-    refuse_flags,
 )
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
@@ -106,8 +105,7 @@ class Run:
 
     def execute(self) -> int:
         """Runs, shows progress, prints the summary; returns the exit code."""
-        if self.detector is None:
-            refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
+        self.detection.check_used_by(self.detector)
         source = self._open()
         out = self.out or DEFAULT_FOLDER / _fit_for_folder(source.name)
         agnostic = (("input.class_agnostic=true",),) if self.class_agnostic else ()

@@ -158,7 +158,7 @@ class GrowingMemory:
             self._make_room(int(readout.overflow.objects), int(readout.overflow.pending))
         self._num_steps += 1
         if self._num_steps % _RETURN_EVERY == 0:
-            _return_freed_memory()
+            return_freed_memory()
         self.has_grown = self.static != before
         self.trace = jax.device_get(trace)
         self._look_ahead(make_input, num, readout.occupied)
@@ -340,7 +340,7 @@ def device_bytes() -> int:
         return total
 
 
-def _return_freed_memory() -> None:
+def return_freed_memory() -> None:
     """Gives what was freed back to the system, where its C library can: that of GNU."""
     with contextlib.suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
