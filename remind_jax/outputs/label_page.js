@@ -160,11 +160,7 @@ function refresh() {
     detection[0] = id;
     detection[1] = id === NOBODY ? `${labeling.classes[position][row]}, nobody` : nameOf(id);
   }));
-  layOutLanes();
-  drawNames();
-  drawLanes();
-  drawGallery();
-  drawIdentities();
+  redrawIdentities();
   redrawFrame();
   drawPanel();
 }

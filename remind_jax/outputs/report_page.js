@@ -28,6 +28,14 @@ const chip = (position, text) =>
   make("button", { class: "chip", type: "button", "data-position": position,
     onclick: () => seek(position) }, text);
 
+const cell = (text) => make("td", { class: "number" }, text);
+
+/** A table; `isNumber`: of a column, whether it holds numbers. */
+const table = (heads, rows, isNumber) => make("table", {},
+  make("thead", {}, make("tr", {}, ...heads.map((head, column) => (head instanceof Node ? head
+    : make("th", isNumber(column) ? { class: "number" } : {}, head))))),
+  make("tbody", {}, ...rows));
+
 // --- the frame shown: one number that everything follows ------------------------------------
 
 let shown = 0;
@@ -106,14 +114,11 @@ function drawDetections(position) {
     return make("tr", { title: why.join("; "), ...rowToExplain(position, row, passes(detection)) },
       make("td", {}, swatch(colorOf.get(id)), nameToExplain(position, row, name)),
       make("td", {}, words(run.outcomes[outcome])),
-      ...(hasScores ? [make("td", { class: "number" }, number(score))] : []),
-      make("td", { class: "number" }, number(confidence)));
+      ...(hasScores ? [cell(number(score))] : []), cell(number(confidence)));
   });
-  const head = make("tr", {}, make("th", {}, "Detection"), make("th", {}, "Outcome"),
-    ...(hasScores ? [make("th", { class: "number narrow" }, "Score with context")] : []),
-    make("th", { class: "number" }, "Confidence"));
-  byId("seen").replaceChildren(rows.length
-    ? make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows))
+  const scored = make("th", { class: "number narrow" }, "Score with context");
+  const heads = ["Detection", "Outcome", ...(hasScores ? [scored] : []), "Confidence"];
+  byId("seen").replaceChildren(rows.length ? table(heads, rows, (column) => column > 1)
     : make("p", { class: "faint" }, "Nothing was detected."));
 }
 
@@ -234,12 +239,10 @@ function drawEvidence(explained) {
   rows.push(line(explained.tracklet_id, `${explained.label} ${explained.tracklet_id}, new`, kinds.map(() => 0),
     explained.new_log_odds, explained.new_probability, ""));
   const named = kinds.map((kind) => kind[0].toUpperCase() + kind.slice(1).replaceAll("_", " "));
-  const titles = ["Candidate", ...named, "Sum", "Probability", ""];
-  const heads = titles.map((text, column) =>
-    make("th", column && column < titles.length - 1 ? { class: "number" } : {}, text));
+  const heads = ["Candidate", ...named, "Sum", "Probability", ""];
+  const isNumber = (column) => column && column < heads.length - 1;
   return [make("h3", {}, `Candidates (${explained.candidates.length})`),
-    make("div", { class: "scroll" }, make("table", {},
-      make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows))),
+    make("div", { class: "scroll" }, table(heads, rows, isNumber)),
     make("p", { class: "faint" }, "Evidence in log odds. Mobile: of what moves of its own. " +
       "Rivals: less, the more objects it could be. " +
       "Moved: given back to one that may have been moved. Probability: beside all others and a new " +
@@ -254,7 +257,6 @@ const gates = { none: "no", block_min_match: "no: too unlike", block_match_thr: 
   block_used_object: "no: locked by another", pass_match_thr: "open",
   sets_rescue: "open: rescued by context" };
 const NOTABLE = 1; // log odds
-const cell = (text) => make("td", { class: "number" }, text);
 const signed = (value) => (value > 0 ? "+" : "") + value.toFixed(2);
 
 function drawCandidates(explained) {
@@ -278,13 +280,11 @@ function drawCandidates(explained) {
     cell(number(who.final_score)), cell(who.plausible ? number(who.comparable_score) : ""),
     make("td", {}, opened(who))));
   const named = terms.map((name) => name[0].toUpperCase() + name.slice(1).replace("_", " "));
-  const titles = ["Candidate", "State", ...named, "Visual", "Context", "Assign", "Final", "Common",
+  const heads = ["Candidate", "State", ...named, "Visual", "Context", "Assign", "Final", "Common",
     "Open to assignment"];
-  const heads = titles.map((text, column) =>
-    make("th", column > 1 && column < titles.length - 1 ? { class: "number" } : {}, text));
+  const isNumber = (column) => column > 1 && column < heads.length - 1;
   return [make("h3", {}, `Candidates (${explained.candidates.length} of ${explained.num_candidates})`),
-    make("div", { class: "scroll" }, make("table", {},
-      make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows))),
+    make("div", { class: "scroll" }, table(heads, rows, isNumber)),
     make("p", { class: "faint" }, "Score \u00d7 weight per channel. In parentheses: " +
       "what context would add if it were allowed. Common: on the evidence that all candidates have.")];
 }
@@ -295,15 +295,13 @@ function drawLayout(explained) {
     const name = (id) => `${explained.label} ${id}`;
     const rows = known.voters.map((voter) => make("tr", {},
       make("td", {}, swatch(colorOf.get(voter.object_id)), voter.name),
-      make("td", { class: "number" }, number(voter.distance)),
-      ...options.map((id) => make("td", { class: "number" },
-        id in voter.remembered ? number(voter.remembered[id]) : "\u2013"))));
+      cell(number(voter.distance)), ...options.map((id) =>
+        cell(id in voter.remembered ? number(voter.remembered[id]) : "\u2013"))));
     const heads = ["Distance to", "Now", ...options.map((id) => `${name(id)} usually`)];
     return [make("h3", {}, `Layout, pass ${known.turn + 1}: ${words(known.status)}`),
       make("p", { class: "faint" }, `Proposes ${name(known.proposed_id)}: score ` +
         `${number(known.score)}, ahead by ${number(known.core_gap)}, evidence ${number(known.evidence)}`),
-      make("table", {}, make("thead", {}, make("tr", {}, ...heads.map((text, column) =>
-        make("th", column ? { class: "number" } : {}, text)))), make("tbody", {}, ...rows))];
+      table(heads, rows, (column) => column > 0)];
   });
 }
 
@@ -326,15 +324,13 @@ function drawContext(frame, explained) {
       .join(", ") || "none")];
   if (!frame.sets.length) return parts;
   const rows = frame.sets.map((found) => make("tr", {},
-    make("td", { class: "number" }, number(found.score)),
-    make("td", { class: "number" }, number(found.coverage)),
+    cell(number(found.score)), cell(number(found.coverage)),
     make("td", {}, isMatch ? (found.object_ids.includes(explained.object_id) ? "agrees" : "disagrees") : ""),
     make("td", { class: "members" }, ...found.names.flatMap((name, place) => [
       mine.has(found.object_ids[place]) ? make("mark", {}, name) : name,
       place + 1 < found.names.length ? ", " : ""]))));
   const heads = ["Score", "Covers", "", "Objects that may be in view together; candidates marked"];
-  return [...parts, make("table", {}, make("thead", {}, make("tr", {}, ...heads.map((text, column) =>
-    make("th", column < 2 ? { class: "number" } : {}, text)))), make("tbody", {}, ...rows))];
+  return [...parts, table(heads, rows, (column) => column < 2)];
 }
 
 /** The detection that a lane of the timeline shows in a frame, -1 for none. */
@@ -383,12 +379,16 @@ function applyFilter() {
   byId("filter-next").hidden = !isSet || !hits.length;
   byId("filter-count").textContent = isSet
     ? `${plural(count, "detection")} in ${plural(hits.length, "frame")}` : "";
+  redrawIdentities();
+  show(shown);
+}
+
+function redrawIdentities() {
   layOutLanes();
   drawNames();
   drawLanes();
   drawGallery();
   drawIdentities();
-  show(shown);
 }
 
 function prepareFilter() {
@@ -413,11 +413,11 @@ function drawHeader() {
   byId("foot").textContent = run.footer;
   if (!run.comparison.length) return;
   byId("comparison").hidden = false;
-  const line = (tag) => (row) => make("tr", {}, ...row.map((text, column) =>
-    make(tag, column % 3 ? { class: "number" } : {}, text)));
   const [heads, ...rows] = run.comparison;
-  byId("comparison").append(make("table", {}, make("thead", {}, line("th")(heads)),
-    make("tbody", {}, ...rows.map(line("td")))));
+  const isNumber = (column) => column % 3;
+  const lines = rows.map((row) => make("tr", {}, ...row.map((text, column) =>
+    (isNumber(column) ? cell(text) : make("td", {}, text)))));
+  byId("comparison").append(table(heads, lines, isNumber));
 }
 
 // --- timeline -------------------------------------------------------------------------------
@@ -637,9 +637,8 @@ function drawIdentities() {
       absence.title = "Show the return";
       return make("span", {}, absence, ...decidedChip(who, last + 1));
     }))));
-  byId("identities").replaceChildren(make("table", {},
-    make("thead", {}, make("tr", {}, ...heads, make("th", { scope: "col" }, "Absences"))),
-    make("tbody", {}, ...rows)));
+  byId("identities").replaceChildren(
+    table([...heads, make("th", { scope: "col" }, "Absences")], rows));
 }
 
 function sortBy(column) {
@@ -653,14 +652,11 @@ function sortBy(column) {
 function drawTime() {
   const slowest = Math.max(...run.stages.map((stage) => stage.median), 1e-9);
   const rows = run.stages.map((stage) => make("tr", {}, make("td", {}, stage.name),
-    make("td", { class: "number" }, stage.median.toFixed(2)),
-    make("td", { class: "number" }, stage.p95.toFixed(2)),
+    cell(stage.median.toFixed(2)), cell(stage.p95.toFixed(2)),
     make("td", { style: { width: "45%" } },
       make("div", { class: "bar", style: { width: `${(100 * stage.median) / slowest}%` } }))));
-  const head = make("tr", {}, make("th", {}, "Stage"), make("th", { class: "number" }, "Median ms"),
-    make("th", { class: "number" }, "95 % ms"), make("th", {}));
-  byId("time").append(rows.length
-    ? make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows))
+  const heads = ["Stage", "Median ms", "95 % ms", ""];
+  byId("time").append(rows.length ? table(heads, rows, (column) => column === 1 || column === 2)
     : make("p", { class: "faint" }, "No times were kept."),
   make("p", { class: "faint" }, run.start_up));
 }
