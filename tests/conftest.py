@@ -63,8 +63,7 @@ TOGETHER |= {
     f"tests/remind/{name}.py": "tests/remind/association"
     for name in (
         *(f"association/test_{one}" for one in ("assignment", "similarity", "switches")),
-        *(f"undecided/test_{one}" for one in ("ambiguity", "competition", "provisional")),
-        *(f"undecided/test_{one}" for one in ("settlement", "stability")),
+        *(f"undecided/test_{one}" for one in ("examples", "settlement")),
     )
 }
 
