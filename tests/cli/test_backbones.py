@@ -66,12 +66,6 @@ def test_what_is_here(command, published):
     assert (after["weights"], after["path"]) == ("here", str(path))
 
 
-def test_an_unknown_name(command):
-    outcome = command("backbones", "dinov2-vits16")
-    assert outcome.code == process.ERROR
-    assert "did you mean 'dinov3-vits16' or 'dinov2-vits14'" in outcome.stderr
-
-
 @pytest.mark.parametrize("verb", ["run", "sweep"])
 def test_a_hub_without_it_ends_a_command_in_one_sentence(command, scene, published, verb):
     published.hub.error = OSError("no such repository")

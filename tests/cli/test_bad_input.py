@@ -7,7 +7,6 @@ import resource
 
 import cv2
 import numpy as np
-import pytest
 
 from remind_jax.outputs.result import Result
 from tests.cli import scenes
@@ -54,23 +53,6 @@ def test_mask_of_another_size(command, scene):
     assert kept.timings_ms["step"]
     names = {"memory.safetensors", "report.html", "overlay.mp4", "tracks.csv"}
     assert names <= {path.name for path in (scene[0].parent.parent / "out").iterdir()}
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("--backbone", "patch-statistic"), "did you mean 'patch-statistics'?"),
-        (("--config", "defualt"), "did you mean 'default'?"),
-        (("--config", "missing.yaml"), "cannot read 'missing.yaml'"),
-        (("--set", "thresholds.decision.frim=0.7"), "did you mean 'firm'?"),
-        (("--set", "thresholds.decision.firm=high"), "must be a number"),
-        (("--memory", "missing.safetensors"), "cannot read 'missing.safetensors'"),
-    ],
-)
-def test_unknown_names_and_wrong_values(command, scene, words, expected):
-    outcome = command("run", scene[0], "--masks", scene[1], *words)
-    assert_refused(outcome, expected)
-    assert not (scene[0].parent.parent / "runs").exists()
 
 
 def test_features_that_are_not_finite_are_left_out_and_reported(command, tmp_path):

@@ -70,10 +70,3 @@ def test_the_paper_protocol_names_its_deviations(command, tmp_path):
     assert outcome.code == 0
     assert "any overlap above 0" in outcome.stdout
     assert json.loads((tmp_path / "paper.json").read_text())["metrics"]["IDF1"] == 1.0
-
-
-def test_predictions_are_needed(command, tmp_path):
-    write_tracks(tmp_path / "gt.txt", [1])
-    outcome = command("eval", "gt.txt")
-    assert outcome.code == 1
-    assert "no predictions to score against 'gt.txt'" in outcome.stderr

@@ -116,9 +116,3 @@ def test_a_display_is_found_by_the_environment(monkeypatch):
     assert not verb.has_display()
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
     assert verb.has_display()
-
-
-def test_what_follows_live_is_an_address(command):
-    outcome = command("run", "--live", "0", "--no-overlay")
-    assert outcome.code == 2
-    assert "SOURCE" in outcome.stderr

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from remind_jax import __version__
 from remind_jax.cli import main as main_module
 from remind_jax.cli import process as exit_codes
@@ -27,13 +25,6 @@ def test_help_of_every_verb_answers_without_jax():
     assert finished.stdout.splitlines()[-1] == "codes {0} loaded []"
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_help_teaches_by_examples(command, verb):
-    outcome = command(verb, "--help") if verb != "run" else command("--help")
-    assert outcome.code == 0
-    assert f"remind {verb}" in outcome.stdout
-
-
 def test_no_words_show_help(command, capfd):
     assert main([]) == exit_codes.FINE
     shown = capfd.readouterr().out
@@ -42,48 +33,6 @@ def test_no_words_show_help(command, capfd):
 
 def test_version(command):
     assert command("--version").stdout == f"remind-jax {__version__}\n"
-
-
-def test_unknown_verb_suggests_the_nearest(command):
-    outcome = command("rum")
-    assert outcome.code == exit_codes.USAGE
-    assert outcome.stderr == "remind: there is no verb 'rum'; did you mean 'run'?\n"
-
-
-WRONG_USAGE = {  # words, and what the sentence has to name
-    "demo --sead 3": "--sead",
-    "demo --seed many": "'many' is no whole number",
-    "demo --seed": "--seed",
-    "demo --quiet=3": "3",
-    "view": "RUN",
-    "explain a": "--frame",
-    "memory --jsn": "memory",
-    "view a b": "b",
-    "eval a.txt b.txt --format mott": "'kitti-mots'",
-    "config": "validate",
-    "config shew": "show",
-    "--sead": "--sead",
-    "view a --\x1b[31m": r"\x1b[31m",
-    f"view a --{'a' * 5000}": "aaa",
-}
-
-
-def test_wrong_usage_is_explained_in_one_sentence(capfd):
-    for words, named in WRONG_USAGE.items():
-        assert main(words.split(" ")) == exit_codes.USAGE, words
-        said = capfd.readouterr().err
-        assert named in said, said
-        assert "--help" in said or len(said) > 1000, said
-        assert said.startswith("remind: "), said
-        assert said.count("\n") == 1, said
-
-
-def test_a_sentence_is_never_too_long_to_be_read(capfd):
-    assert main(["backbones", "a" * 50_000]) == exit_codes.ERROR
-    said = capfd.readouterr().err
-    assert said.startswith("remind: there is no backbone 'aaa")
-    assert "[...]" in said
-    assert len(said) < 2000
 
 
 def raising(error: BaseException):
@@ -139,10 +88,3 @@ def test_too_little_memory_is_said(monkeypatch, capfd):
     monkeypatch.setattr(main_module.VERBS["view"], "execute", take_all)
     assert main(["view", "anything"]) == exit_codes.ERROR
     assert "there is not enough memory" in capfd.readouterr().err
-
-
-def test_names_cannot_command_the_terminal(capfd):
-    assert main(["view", "\x1b[31mred\u202e\x07"]) == exit_codes.ERROR
-    told = capfd.readouterr().err
-    assert "\\x1b[31mred\\u202e\\x07" in told
-    assert "\x1b" not in told

@@ -92,30 +92,6 @@ def test_sensitivity_has_thresholds_of_its_own(benches, capsys, config, named):
     assert named in [cell.strip() for cell in cells]
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ([], "nothing to sweep over"),
-        (
-            ["--config", "bank", "--sensitivity"],
-            "no usual ranges for thresholds of 'bank'",
-        ),
-        (["--set", "matching.match"], "gives no values"),
-        (["--set", "matching.match=0.5:0.4"], "first:last:step"),
-        (["--set", "matching.match=1,2", "--random", "3", "--search", "tpe"], "exclude each other"),
-        (["--set", "matching.match=1,2", "--settings", "x.csv"], "exclude each other"),
-        (["--settings", "absent.csv"], "absent.csv"),
-        (["--set", "matching.match=0.5,0.6", "--metric", "MOTA"], "no score 'MOTA'"),
-    ],
-)
-def test_what_makes_no_sense_is_refused_in_one_sentence(benches, capsys, words, said):
-    assert main(["sweep", "a", *words]) == process.ERROR
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count("\n") == 1
-
-
-def test_absent_scenes_are_told(capsys, tmp_path):
-    words = ["sweep", str(tmp_path / "nowhere"), "--set", "matching.match=0.5"]
-    assert main([*words, "-o", str(tmp_path / "out")]) == process.ERROR
-    assert "nowhere" in capsys.readouterr().err
+def test_a_tracker_without_usual_ranges_has_no_sensitivity(benches, capsys):
+    assert main(["sweep", "a", "--config", "bank", "--sensitivity"]) == process.ERROR
+    assert "no usual ranges for thresholds of 'bank'" in capsys.readouterr().err

@@ -60,13 +60,6 @@ def test_it_says_for_how_many_and_prepares_the_way_there(command, folder):
     assert sorted(folder.iterdir()) == made
 
 
-def test_a_size_that_is_none_is_refused(command):
-    for size in ("640", "640x", "0x480", "640x480px"):
-        done = command("warmup", size)
-        assert done.code == 1
-        assert f"'{size}' is no frame size; write WIDTHxHEIGHT" in done.stderr
-
-
 def test_nothing_is_kept_if_so_wished(command, monkeypatch):
     monkeypatch.setenv(kept.VARIABLE, "off")
     size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
