@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -55,11 +56,11 @@ def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
 TICK = jnp.float32(1)
 
 
-def motion(shift=(0.0, 0.0), score: float = 1.0, elapsed: float = 1.0) -> Motion:
+def motion(shift: Any = (0.0, 0.0), score: Any = 1.0, elapsed: float = 1.0) -> Motion:
     """A shift of the whole image, in frame units."""
-    matrix = np.concatenate([np.eye(2), np.reshape(shift, (2, 1))], axis=1)
-    score, elapsed = jnp.float32(score), jnp.float32(elapsed)
-    return Motion(jnp.asarray(matrix, jnp.float32), score, jnp.array([480, 640]), elapsed)
+    shift = jnp.reshape(jnp.asarray(shift, jnp.float32), (2, 1))
+    matrix = jnp.concatenate([jnp.eye(2), shift], axis=1)
+    return Motion(matrix, jnp.float32(score), jnp.array([480, 640]), jnp.float32(elapsed))
 
 
 def empty_state() -> PlusState:

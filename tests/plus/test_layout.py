@@ -15,6 +15,7 @@ from remind_jax.plus.layout import weigh_jointly
 from remind_jax.plus.state import init
 from remind_jax.plus.static import NUM_CANDIDATES
 from remind_jax.plus.thresholds import PlusThresholds
+from tests.plus.frames import T
 from tests.plus.test_vacancy import SIZE, seen
 from tests.plus.walls import STATIC
 
@@ -22,8 +23,6 @@ PLACES = np.array([[1.5, 1.5], [3, 1.2], [4.5, 1.6], [2.2, 3], [4, 3.2]], np.flo
 NUM = len(PLACES)
 FRAME = jnp.int32(200)
 
-
-T = PlusThresholds().as_arrays()
 EMPTY = jax.tree.map(np.array, init(STATIC))
 
 

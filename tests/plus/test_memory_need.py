@@ -5,15 +5,15 @@ from __future__ import annotations
 import functools
 
 import jax
-import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from remind_jax.plus.memory_need import count_bytes
-from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
+from tests.plus import frames
 
 DIM = 177
 
@@ -22,28 +22,13 @@ DIM = 177
 def used(detections: int, objects: int) -> tuple[int, int]:
     """Bytes of the memory, and of what the compiled step needs for the time being."""
     static = Static(num_detections=detections, num_objects=objects, feature_dim=DIM)
-    real = functools.partial(jax.ShapeDtypeStruct, dtype=jnp.float32)
-    whole = functools.partial(jax.ShapeDtypeStruct, dtype=jnp.int32)
-    flag = functools.partial(jax.ShapeDtypeStruct, dtype=jnp.bool_)
-    num = (detections,)
-    sightings = Sightings(
-        look=real((*num, DIM)),
-        ring=real((*num, DIM)),
-        has_ring=flag(num),
-        box=real((*num, 4)),
-        center=real((*num, 2)),
-        size=real(num),
-        patches=real(num),
-        class_id=whole(num),
-        touches=flag(num),
-        valid=flag(num),
-        frame_center=real((2,)),
-        num_bad_patches=whole(()),
-    )
-    motion = Motion(real((2, 3)), real(()), whole((2,)), real(()))
+    blank = np.zeros((detections, DIM), np.float32)
+    seen = frames.detections(blank[:, :2], blank, ring=blank)
     step = functools.partial(advance, static=static, thresholds=PlusThresholds())
     state = init(static)
-    compiled = jax.jit(step, donate_argnums=0).lower(state, sightings, motion, flag(num)).compile()
+    compiled = (
+        jax.jit(step, donate_argnums=0).lower(state, seen, frames.motion(), seen.valid).compile()
+    )
     memory = compiled.memory_analysis()
     if memory is None:
         pytest.skip("this compiler does not tell how much memory a program needs")

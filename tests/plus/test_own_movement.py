@@ -14,8 +14,7 @@ from remind_jax.plus import evidence, learning, linking, own_movement, scene_map
 from remind_jax.plus.own_movement import first_speed, mobility, speed_of
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import NO_RELATION
-from tests.plus.frames import TICK, T, detections, empty_state, objects_of, tracklets_of
-from tests.plus.test_scene_map import motion
+from tests.plus.frames import TICK, T, detections, empty_state, motion, objects_of, tracklets_of
 
 ROOM = 9
 advance_tracklets, expect_step = (

@@ -8,36 +8,20 @@ import types
 import numpy as np
 import pytest
 
-from remind_jax.decision import Outcome, Reason
+from remind_jax.decision import Outcome
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.revision import DelayedAnswers, find_merges
 from remind_jax.tracks import Tracks
+from tests.outputs.fake_run import make_tracks
 
 
 def answers(index: int, ids, outcomes) -> Tracks:
-    num = len(ids)
-    return Tracks(
-        frame_index=index,
-        source_index=index,
-        time_s=0.0,
-        name="",
-        frame_size=(4, 4),
-        outcome=np.array(outcomes),
-        reason=np.full(num, Reason.NONE),
-        object_id=np.array(ids),
-        pending_id=np.where(np.array(ids) == NO_ID, 5, NO_ID),
-        status=np.zeros(num, int),
-        score=np.full(num, 0.5),
-        confidence=np.full(num, 0.5),
-        candidate_id=np.full((num, 1), 9),
-        candidate_score=np.zeros((num, 1)),
-        labels=("mug",) * num,
-        boxes=np.zeros((num, 4)),
-        areas=np.ones(num, int),
-        detector_scores=np.ones(num),
-        instance_ids=np.full(num, -1),
-        rles=({},) * num,
-    )
+    blank = {"score": 0.5, "confidence": 0.5, "candidates": [(9, 0.0)]}
+    rows = [
+        {**blank, "object_id": one, "outcome": outcome, "pending_id": 5 if one == NO_ID else NO_ID}
+        for one, outcome in zip(ids, outcomes, strict=True)
+    ]
+    return make_tracks(index, np.ones((len(ids), 4, 4), bool), rows)
 
 
 def state(tracklets, merged=None, answer=None):
@@ -74,7 +58,7 @@ def test_an_open_tracklet_gets_the_answer_that_it_has_later():
     assert first.object_id.tolist() == [3]
     assert first.outcome.tolist() == [Outcome.MATCH]
     assert first.pending_id.tolist() == [NO_ID]
-    assert first.candidate_id.tolist() == [[NO_ID]]
+    assert first.candidate_id.max() == NO_ID
     at_once, _ = run(0, frames)
     assert at_once.object_id.tolist() == [NO_ID]
 
@@ -91,9 +75,9 @@ def test_a_new_object_that_turned_out_to_be_known_is_that_one_from_the_start():
 
 def test_an_answer_that_stays_is_as_sure_as_it_is_by_then():
     first = answers(0, [3], [Outcome.MATCH])
-    later = dataclasses.replace(answers(1, [3], [Outcome.MATCH]), confidence=np.array([0.9]))
+    later = dataclasses.replace(answers(1, [3], [Outcome.MATCH]), confidence=np.array([0.75]))
     told, _ = run(1, [(first, state([7])), (later, state([7]))])
-    assert (told.confidence.tolist(), told.score.tolist()) == ([0.9], [0.9])
+    assert (told.confidence.tolist(), told.score.tolist()) == ([0.75], [0.75])
     assert first.confidence.tolist() == [0.5]
 
 

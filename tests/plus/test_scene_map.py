@@ -9,13 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from remind_jax.plus import scene_map
-from remind_jax.plus.observation import Motion
 from remind_jax.plus.state import init
-from remind_jax.plus.thresholds import PlusThresholds
-from tests.plus.frames import TICK
+from tests.plus.frames import TICK, T, motion
 from tests.plus.walls import STATIC, pan
 
-T = PlusThresholds().as_arrays()
 CENTER = jnp.array([3.2, 2.4])
 move_map, correct_map = jax.jit(scene_map.move_map), jax.jit(scene_map.correct_map)
 
@@ -32,12 +29,6 @@ def memory(position: np.ndarray, covariance: np.ndarray):
     )
     full = state.pairs.covariance.at[:num, :num].set(covariance)
     return objects, dataclasses.replace(state.pairs, covariance=full)
-
-
-def motion(shift, score: float) -> Motion:
-    matrix = np.concatenate([np.eye(2), np.reshape(shift, (2, 1))], axis=1)
-    score, elapsed = jnp.float32(score), jnp.float32(1)
-    return Motion(jnp.asarray(matrix, jnp.float32), score, jnp.array([480, 640]), elapsed)
 
 
 def test_places_move_with_the_image_and_doubt_grows_faster_without_trust():
@@ -78,17 +69,13 @@ def test_rounding_leaves_a_covariance_through_years_of_doubt():
     @jax.jit
     def frame(objects, pairs, moved, now, chosen, score):
         objects, pairs = move_map(
-            objects, pairs, motion_of(moved, score), CENTER, now, TICK, T.motion, T.mobility
+            objects, pairs, motion(moved, score), CENTER, now, TICK, T.motion, T.mobility
         )
         sure = jnp.arange(slots) < 4
         place = objects.position[chosen] + 0.05
         seen = dataclasses.replace(sightings, center=place)
         objects = dataclasses.replace(objects, last=objects.last.at[chosen].set(now))
         return correct_map(objects, pairs, chosen, sure, sure, seen)
-
-    def motion_of(moved, score):
-        matrix = jnp.concatenate([jnp.eye(2), moved[:, None]], axis=1)
-        return Motion(matrix, score, jnp.array([480, 640]), jnp.float32(1))
 
     for now in range(1, 400):
         chosen = jnp.asarray(rng.choice(num, slots, replace=False), jnp.int32)

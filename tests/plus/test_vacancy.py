@@ -8,7 +8,7 @@ import numpy as np
 from remind_jax.plus import vacancy
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.state import Pairs, init
-from remind_jax.plus.thresholds import PlusThresholds
+from tests.plus.frames import T, detections
 from tests.plus.walls import STATIC
 
 ANCHORS = np.array([[2, 2], [4, 2], [3, 3.5]], np.float32)  # objects 0 to 2, where they are seen
@@ -28,18 +28,11 @@ def learned_pairs() -> Pairs:
 
 def seen(*more: tuple[float, float], anchors: np.ndarray = ANCHORS) -> Sightings:
     """The anchors, and detections that are not decided."""
-    num = STATIC.num_detections
-    center = np.zeros((num, 2), np.float32)
-    here = [*anchors, *more]
+    num, here = STATIC.num_detections, [*anchors, *more]
+    center, valid = np.zeros((num, 2), np.float32), np.arange(num) < len(here)
     center[: len(here)] = here
-    valid = np.arange(num) < len(here)
-    flat = np.zeros((num, STATIC.feature_dim), np.float32)
-    return Sightings(
-        look=flat, ring=flat, has_ring=valid, box=np.zeros((num, 4), np.float32), center=center,
-        size=np.full(num, SIZE, np.float32), patches=np.ones(num, np.float32),
-        class_id=np.zeros(num, np.int32), touches=np.zeros(num, bool), valid=valid,
-        frame_center=np.array([3.2, 2.4], np.float32), num_bad_patches=np.array(0, np.int32),
-    )  # fmt: skip
+    size, blank = np.full(num, SIZE, np.float32), np.zeros((num, STATIC.feature_dim), np.float32)
+    return detections(center, blank, ring=blank, size=size, valid=valid)
 
 
 def is_gone(sightings: Sightings, decided: tuple[int, ...] = (0, 1, 2)) -> bool:
@@ -47,8 +40,7 @@ def is_gone(sightings: Sightings, decided: tuple[int, ...] = (0, 1, 2)) -> bool:
     anchor = np.zeros(STATIC.num_detections, np.int32)
     anchor[: len(decided)] = decided
     is_anchor = np.arange(len(anchor)) < len(decided)
-    layout = PlusThresholds().as_arrays().layout
-    gone = find_gone(anchor, is_anchor, sightings, learned_pairs(), layout)
+    gone = find_gone(anchor, is_anchor, sightings, learned_pairs(), T.layout)
     assert not np.any(gone[:3])
     assert not np.any(gone[4:]), "nothing is known of the place of these"
     return bool(gone[3])

@@ -15,6 +15,7 @@ from remind_jax.plus.state import PlusState, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
+from tests.plus.frames import detections
 
 DIM = 6
 STATIC = Static(num_detections=6, num_objects=24, feature_dim=DIM)
@@ -73,30 +74,24 @@ def pan(
         walk["patches"][t, k] = 4.0
     matrix = np.tile(np.eye(2, 3, dtype=np.float32), (frames, 1, 1))
     matrix[1:, 0, 2] = -np.diff(camera)
-    walk["frame_center"][:] = (3.2, 2.4)
     size_px = np.tile(np.int32([480, 640]), (frames, 1))
     motion = Motion(matrix, np.full(frames, 0.9, np.float32), size_px, np.ones(frames, np.float32))
     return Walk(Sightings(**walk), motion, thing)
 
 
 def _empty(frames: int, num: int) -> dict[str, np.ndarray]:
-    def real(*shape: int) -> np.ndarray:
-        return np.zeros((frames, *shape), np.float32)
-
-    return {
-        "look": real(num, DIM),
-        "ring": real(num, DIM),
-        "has_ring": real(num).astype(bool),
-        "box": real(num, 4),
-        "center": real(num, 2),
-        "size": real(num) + np.float32(0.01),
-        "patches": real(num),
-        "class_id": real(num).astype(np.int32),
-        "touches": real(num).astype(bool),
-        "valid": real(num).astype(bool),
-        "frame_center": real(2),
-        "num_bad_patches": real().astype(np.int32),
-    }
+    """The fields of frames in which nothing is seen."""
+    zeros = np.zeros((num, DIM), np.float32)
+    blank = detections(
+        zeros[:, :2],
+        zeros,
+        ring=zeros,
+        box=zeros[:, :4],
+        size=np.full(num, 0.01, np.float32),
+        patches=zeros[:, 0],
+        valid=np.zeros(num, bool),
+    )
+    return {name: np.repeat(leaf[None], frames, 0) for name, leaf in vars(blank).items()}
 
 
 @functools.partial(jax.jit, static_argnames="static")

@@ -10,7 +10,6 @@ from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
-from tests.remind.memory.small_banks import with_records
 from tests.statics import make_static
 
 STATIC = make_static(num_objects=4, num_detections=3, num_pending=2, feature_dim=2)
@@ -98,7 +97,8 @@ def test_removal_closes_gaps_and_takes_the_banks_along():
     def number(banks):
         """Every row of every bank holds one prototype that says its row."""
         size = jnp.broadcast_to(jnp.int32(row < 3), banks.size.shape)
-        return with_records(dataclasses.replace(banks, size=size), hits=row[:, None])
+        counts = jnp.asarray(banks.counts).at[..., 0].set(row[:, None])  # of hits
+        return dataclasses.replace(banks, size=size, counts=counts)
 
     state = dataclasses.replace(
         state,

@@ -1,5 +1,3 @@
-import dataclasses
-
 import jax
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from remind_jax.remind.perception.rings import INNER, OUTER
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.perception import Perception
 from tests.golden import load
-from tests.statics import make_static
+from tests.statics import change_static, make_static
 
 GRID, DIM, SLOTS = (8, 10), 8, 3
 STATIC = make_static(num_detections=SLOTS, feature_dim=DIM)
@@ -70,7 +68,7 @@ def described(recorded):
     """Our descriptors of the same detections: a list over rows of (descriptors, slot)."""
     frames = {int(frame) for frame in recorded["frame"]}
     config, found = Config(), {}
-    static = dataclasses.replace(config.static, feature_dim=32, num_detections=5)
+    static = change_static(config.static, feature_dim=32, num_detections=5, ring_prototypes=True)
     for index, (features, masks, classes) in enumerate(load.load_inputs("small")):
         if index in frames:
             reduced = reduce_masks(
@@ -107,8 +105,22 @@ def test_parts_equal_the_original(recorded, described):
         np.testing.assert_allclose(d.part_support[slot], support, rtol=1e-6)
 
 
+@pytest.mark.parametrize("ring", [INNER, OUTER])
+def test_ring_prototypes_equal_the_original(recorded, described, ring):
+    theirs = recorded[{INNER: "inner_prototypes", OUTER: "outer_prototypes"}[ring]]
+    exists = np.isfinite(theirs).all(axis=-1)
+    ours, valid = (
+        np.stack([getattr(d.ring_prototypes, name)[slot, ring] for d, slot in described])
+        for name in ("vector", "valid")
+    )
+    np.testing.assert_array_equal(valid, exists)
+    # a prototype is one patch, scaled to unit length in float32
+    np.testing.assert_allclose(ours[exists], theirs[exists], atol=1e-6)
+
+
 def test_padding_is_described_by_nothing():
     d = describe_frame(random_features(), one_block())
+    assert d.ring_prototypes is None, "they were not asked for"
     assert d.valid.tolist() == [True, False, False]
     for leaf in (d.appearance, d.parts, d.rings, d.patch_sum, d.num_patches, d.ring_patches):
         assert not leaf[1:].any()
