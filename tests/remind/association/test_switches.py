@@ -16,7 +16,8 @@ import numpy as np
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.remind.thresholds import Thresholds
-from tests.remind.association.frozen_frames import load_expected, load_frames, load_settings
+from tests.golden.load import load_expected
+from tests.remind.association.frozen_frames import load_frames, load_settings
 from tests.remind.association.tables import Verdict, decide_frames
 
 STABILITY = "association.matching.hungarian.identity_stability"
@@ -51,7 +52,7 @@ def test_frozen_frames_with_other_switches(x64):
     ]
     found = decided(decide_frames(frames, [read(given) for given in settings]))
     before = decided(decide_frames(frames, [read(given) for given in shipped]))
-    expected = load_expected("switches")
+    expected = load_expected("association/switches")
     changed = np.zeros(len(frames), bool)
     for name, values in found.items():
         np.testing.assert_array_equal(values, expected[name], name)

@@ -5,14 +5,12 @@ The scenes were drawn at random (Python's `random.Random(seed)`, seeds below 400
 frames of walking between the places; up to 12 detections in one of them, some of unknown classes;
 no anchor to nearly all of them. Kept were the first 12 and those that bring an effect of which
 there were not enough yet. The answers are those of an independent plain implementation of the
-rules that agrees with the original. Real inputs are stored in 1/1024.
+rules that agrees with the original.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -24,10 +22,9 @@ from remind_jax.remind.context.reasoning import Reasoning, reason
 from remind_jax.remind.memory.cooccurrence import conditional, empty_cooccurrence
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
+from tests.golden.load import load_cases
 from tests.statics import make_static
 
-GOLDEN = Path(__file__).parents[2] / "golden" / "context" / "scenes.npz"
-UNIT = 1024
 NUM, SLOTS = 12, 32  # detections and object slots of a scene
 STATIC = make_static(num_detections=NUM, num_objects=SLOTS, precision="float64")
 VISUAL_GATE = 0.75  # least visual score of an object that is plausibly in view
@@ -49,36 +46,9 @@ class Scene:
     score: Any  # [N, O] visual
 
 
-@functools.cache
-def _stored() -> dict[str, np.ndarray]:
-    with np.load(GOLDEN) as stored:
-        return {name: stored[name] for name in stored.files}
-
-
-def load_scenes() -> Scene:
-    """All scenes, with a leading axis."""
-
-    def read(name: str) -> np.ndarray:
-        value = _stored()[name]
-        if value.dtype == np.int16:
-            return value / UNIT
-        return value if value.dtype == bool else value.astype(np.int32)
-
-    return Scene(**{field.name: read(field.name) for field in dataclasses.fields(Scene)})
-
-
-def load_expected() -> dict[str, np.ndarray]:
-    """Name -> values with a leading axis of scenes."""
-    prefix = "expected."
-    return {
-        name.removeprefix(prefix): value
-        for name, value in _stored().items()
-        if name.startswith(prefix)
-    }
-
-
-def list_scenes() -> list[Scene]:
-    scenes = load_scenes()
+def list_scenes(name: str = "scenes") -> list[Scene]:
+    cases = load_cases(f"context/{name}")
+    scenes = Scene(**{field.name: cases[field.name] for field in dataclasses.fields(Scene)})
     return [
         jax.tree.map(lambda leaf, row=row: leaf[row], scenes) for row in range(len(scenes.episodes))
     ]

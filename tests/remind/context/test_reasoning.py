@@ -10,6 +10,7 @@ import pytest
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.context.influence import Influence
 from remind_jax.remind.context.veto import Veto
+from tests.golden.load import load_expected
 
 from .scenes import (
     NUM,
@@ -17,7 +18,6 @@ from .scenes import (
     Scene,
     example,
     list_scenes,
-    load_expected,
     read_on,
 )
 
@@ -54,7 +54,7 @@ def assert_silent(influence: Influence) -> None:
 
 
 def test_frozen_scenes_are_read_as_by_the_plain_rules():
-    expected = load_expected()
+    expected = load_expected("context/scenes")
     for index, scene in enumerate(list_scenes()):
         found = read_on(scene)
         want = {name: values[index] for name, values in expected.items()}

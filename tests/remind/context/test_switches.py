@@ -8,8 +8,6 @@ scenes that the switches change, drawn as those of `scenes.npz` but with other s
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 import json
 from collections import Counter
 from typing import Any
@@ -21,9 +19,10 @@ import pytest
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.remind.context.veto import expect_neighbors
+from tests.golden.load import load_cases, load_expected
 from tests.statics import change_static
 
-from .scenes import GOLDEN, STATIC, UNIT, Scene, read_context, read_view
+from .scenes import STATIC, Scene, list_scenes, read_context, read_view
 
 pytestmark = pytest.mark.usefixtures("x64")
 ROUNDING = 1e-12  # float64 sums and products of some tens of numbers below 1
@@ -40,30 +39,15 @@ ANSWERS = ("hyp_valid", "hyp_members", "hyp_detections", "veto")
 SCORES = ("hyp_score", "bonus_raw", "strength", "quality")
 
 
-@functools.cache
-def _stored() -> dict[str, np.ndarray]:
-    with np.load(GOLDEN.parent / "switches.npz") as stored:
-        return {name: stored[name] for name in stored.files}
-
-
 def list_cases() -> list[tuple[Scene, dict[str, Any], dict[str, np.ndarray]]]:
     """Scene, settings and the original's answer."""
-    stored, cases = _stored(), []
-    for row, settings in enumerate(json.loads(str(stored["settings"]))):
-        fields = {}
-        for field in dataclasses.fields(Scene):
-            value = stored[field.name][row]
-            if value.dtype == np.int16:
-                value = value / UNIT
-            fields[field.name] = value if value.dtype.kind in "bf" else value.astype(np.int32)
-        prefix = "expected."
-        answer = {
-            name.removeprefix(prefix): value[row]
-            for name, value in stored.items()
-            if name.startswith(prefix)
-        }
-        cases.append((Scene(**fields), settings, answer))
-    return cases
+    settings = json.loads(str(load_cases("context/switches")["settings"]))
+    answers = load_expected("context/switches")
+    scenes = enumerate(zip(list_scenes("switches"), settings, strict=True))
+    return [
+        (scene, given, {name: value[row] for name, value in answers.items()})
+        for row, (scene, given) in scenes
+    ]
 
 
 def configure(settings: dict[str, Any]) -> Config:

@@ -2,13 +2,12 @@
 
 The scenes were drawn at random (look-alikes, histories, virtual objects, second matches of an
 object); the answers are those of an independent plain implementation of the rules that
-agrees with the original. Real inputs are stored in 1/1024. `expected.*` is by detection or by the
+agrees with the original. `expected.*` is by detection or by the
 root of a group; `expected.numbers` is score, gap, core, core gap and evidence.
 """
 
 import dataclasses
 import functools
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -22,10 +21,10 @@ from remind_jax.remind.memory.distances import DistanceGraph, Edges, empty_dista
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
+from tests.golden.load import load_cases
 from tests.statics import make_static
 
-GOLDEN = Path(__file__).parents[2] / "golden" / "disambiguation" / "known_sets.npz"
-UNIT = 1024
+GOLDEN = "disambiguation/known_sets"
 NUM_OBJECTS = 8
 
 
@@ -43,20 +42,12 @@ class Scene:
     graph: Any
 
 
-@functools.cache
-def load_stored() -> dict[str, np.ndarray]:
-    with np.load(GOLDEN) as stored:
-        return {name: stored[name] for name in stored.files}
-
-
 def load_scenes(precision: str = "float64") -> Scene:
     """All scenes, with a leading axis."""
 
     def read(name: str) -> np.ndarray:
-        value = load_stored()[name]
-        if value.dtype == np.int16:
-            return (value / UNIT).astype(precision)
-        return value if value.dtype == bool else value.astype(np.int32)
+        value = load_cases(GOLDEN)[name]
+        return value.astype(precision) if value.dtype.kind == "f" else value
 
     low, high = np.triu_indices(NUM_OBJECTS, 1)
 

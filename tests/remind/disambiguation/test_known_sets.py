@@ -11,15 +11,16 @@ from remind_jax.remind.disambiguation.known_sets import settle_known_sets
 from remind_jax.remind.memory.distances import Edges
 from remind_jax.remind.perception.relations import Contact
 from remind_jax.remind.stages import MatchOrigin
+from tests.golden.load import load_expected
 from tests.statics import make_static
 
 from .scenes import (
+    GOLDEN,
     NUM_OBJECTS,
     Scene,
     graph_of,
     known_pairs,
     load_scenes,
-    load_stored,
     relations_of,
     settle_scenes,
     thresholds,
@@ -34,7 +35,7 @@ def number(groups, name):
 
 
 def expected(name):
-    return load_stored()[f"expected.{name}"]
+    return load_expected(GOLDEN)[name]
 
 
 @pytest.mark.usefixtures("x64")

@@ -9,7 +9,8 @@ import numpy as np
 
 from remind_jax.decision import Outcome
 from remind_jax.remind.memory.objects import Lifecycle
-from tests.remind.association.frozen_frames import load_expected, load_frames, load_thresholds
+from tests.golden.load import load_expected
+from tests.remind.association.frozen_frames import load_frames, load_thresholds
 from tests.remind.association.tables import (
     BATCH,
     NUM,
@@ -26,7 +27,7 @@ PARENT, PROVISIONAL = Outcome.PROVISIONAL_PARENT, Outcome.PROVISIONAL_NEW
 
 def test_frozen_frames(x64):
     """128 frames with every reason, half of them with thresholds of their own."""
-    expected = load_expected()
+    expected = load_expected("association/frames")
     verdict = decide_frames(load_frames(), load_thresholds())
     d, pairs = verdict.decisions, verdict.assignment.pairs
     candidate = verdict.comparison.candidate
