@@ -28,15 +28,6 @@ CITATION = re.compile(r"\b(\w+\.md)#([\w-]+)")
 RULE = re.compile(r'<a id="([\w-]+)"></a>\n(#+) (.*)')
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 MODULE = re.compile(r"`((?:remind_jax|weights_convert)/[\w/]+\.py)`")
-# References to documents that no reader has.
-LOST = re.compile(
-    r"\b[Nn]otes?,? \d|[Nn]otes of REMIND|\b(?:association|context|perception|transformer) notes\b"
-    r"|[Ee]valuation reference|\bsections? \d|\breference/\w+\.md|\.\./shared"
-    r"|[\w`\]] \((?:[1-9]\d?\.\d\d? )?steps? \d"
-)
-BARE = re.compile(  # the same without a name, in sentences of docstrings and comments
-    r"[a-z`\]] \([1-9]\d?\.\d\d?(?:, [1-9]\d?\.\d\d?)*\)[.:]"
-)
 
 
 def texts(*folders: str) -> dict[str, str]:
@@ -132,28 +123,6 @@ def test_modules_that_pages_name_exist():
     for page in DOCS.glob("*.md"):
         named = set(MODULE.findall(page.read_text(encoding="utf-8")))
         assert not {name for name in named if not (ROOT / name).is_file()}, page
-
-
-def test_nobody_is_sent_to_documents_that_do_not_ship():
-    lost = {
-        f"{name}: {match[0]}"
-        for name, text in ALL_TEXTS.items()
-        for match in [*LOST.finditer(text), *(BARE.finditer(text) if name in PYTHON else ())]
-        if name != "tests/test_citations.py"
-    }
-    assert not lost
-
-
-def test_a_lost_reference_is_found():
-    for text in (
-        "as told (notes 9.4).",
-        "association notes 11",
-        "Evaluation reference, section 6",
-        "`reference/association.md`",
-        "python tests/parity.py ../shared/golden",
-        "who it could be (15.3).",
-    ):
-        assert LOST.search(text) or BARE.search(text), text
 
 
 def settings(page: str) -> dict[str, Any]:

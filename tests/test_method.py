@@ -242,10 +242,6 @@ def test_a_method_is_what_a_configuration_of_its_name_runs():
     assert load_config("published").thresholds == get_method("published").settings()
 
 
-def test_a_method_has_few_fields():
-    assert len(dataclasses.fields(Method)) <= 10
-
-
 @pytest.mark.parametrize("name", list_methods())
 def test_a_frame_waits_for_no_program_when_memory_grows_or_its_ids_are_read(name, caplog):
     method = get_method(name)

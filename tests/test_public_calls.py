@@ -105,6 +105,8 @@ CALLS = {
     "create text": lambda: create("abc"),
     "create NAN": lambda: create(np.full((1, 4, 4), NAN)),
     "create labels text": lambda: create(MASKS, "ab"),
+    "create labels set": lambda: create(MASKS, {"cup", "mug"}),
+    "create labels dict": lambda: create(MASKS, {"cup": 1, "mug": 2}),
     "create labels len": lambda: create(MASKS, ["a"]),
     "create labels int": lambda: create(MASKS, 5),
     "create labels none": lambda: create(MASKS, [None, None]),

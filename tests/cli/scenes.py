@@ -34,6 +34,11 @@ def picture(index: int, ids: tuple[int, ...] = FIRST_THREE) -> tuple[np.ndarray,
     return image, labels
 
 
+def masks_of(labels: np.ndarray) -> np.ndarray:
+    """The masks `[N, H, W]` of an instance map."""
+    return labels == np.unique(labels)[1:, None, None]
+
+
 def write_scene(
     folder: Path,
     num: int = 4,

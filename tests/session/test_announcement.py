@@ -233,12 +233,8 @@ def test_a_negative_number_is_refused():
         rj.run(PICTURES, announce_after=-1, **OPTIONS)
 
 
-def masks_of(labels: np.ndarray) -> np.ndarray:
-    return labels == np.unique(labels)[1:, None, None]
-
-
 def detect(image: np.ndarray) -> dict[str, Any]:
-    known = {picture.tobytes(): masks_of(labels) for picture, labels in PICTURES}
+    known = {picture.tobytes(): scenes.masks_of(labels) for picture, labels in PICTURES}
     return {"masks": known[image.tobytes()]}
 
 
@@ -294,7 +290,7 @@ def test_late_announcements_reach_what_was_written_before(tmp_path):
     """An object that comes back is announced long after its first sight."""
     views = [(1, 2), (1,), (1,), (1,), (1,), (1, 2)]
     pictures = [scenes.picture(12, view) for view in views]  # nothing moves
-    known = {index: masks_of(labels) for index, (_, labels) in enumerate(pictures)}
+    known = {index: scenes.masks_of(labels) for index, (_, labels) in enumerate(pictures)}
     frames = [
         rj.Frame(i, i, float(i), str(i), image, rj.Detections.create(known[i]))
         for i, (image, _) in enumerate(pictures)

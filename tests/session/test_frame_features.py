@@ -22,6 +22,7 @@ PATCH_PX, HEIGHT, WIDTH = 8, 96, 128
 GARBAGE = 77.0
 ROOM = {"static": {"num_detections": 4, "num_objects": 16, "num_pending": 4}}
 METHODS = [name for name in list_methods() if get_method(name).needs.patch_reach is not None]
+CLOSEUP_METHODS = [name for name in list_methods() if get_method(name).needs.reads_closeups]
 
 
 def describe(images: np.ndarray) -> np.ndarray:
@@ -67,19 +68,36 @@ def frame_of(image: np.ndarray | None, masks: np.ndarray, **more) -> Frame:
     return Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["a"] * len(masks)), **more)
 
 
+def frame_tracker(name: str, backbone: Backbone) -> Tracker:
+    return Tracker(ROOM, backbone, tracker=name)
+
+
+def closeup_tracker(name: str = "plus", backbone: Backbone | None = None, **options) -> Tracker:
+    config = {"tracker": name, "input": {"closeups": "always", **options}, **ROOM}
+    return Tracker(config, backbone or Recorder().whole)
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(m, marks=[pytest.mark.heavy] if m == "plus" else []) for m in METHODS]
+    ("make", "name"),
+    [
+        pytest.param(make, name, marks=[pytest.mark.heavy] if name == "plus" else [])
+        for make, names in ((frame_tracker, METHODS), (closeup_tracker, CLOSEUP_METHODS))
+        for name in names
+    ],
 )
-def test_no_method_reads_features_beyond_its_reach(name):
+def test_no_method_reads_features_that_it_does_not_ask_for(make, name):
     whole, part = Recorder(), Recorder()
-    one = Tracker(ROOM, whole.whole, tracker=name)
-    other = Tracker(ROOM, part.in_part, tracker=name)
+    one, other = make(name, whole.whole), make(name, part.in_part)
     for image, masks in frames(6):
         one.update(image, masks)
         other.update(image, masks)
         jax.tree.map(np.testing.assert_array_equal, one.state, other.state)
     assert int(one.state.frame) == 6
-    assert not any(wanted is None or np.all(wanted) for wanted in part.wanted)
+    if make is frame_tracker:
+        assert not any(wanted is None or np.all(wanted) for wanted in part.wanted)
+    else:
+        shape = (CLOSEUPS_AT_ONCE, CLOSEUP_PATCHES, CLOSEUP_PATCHES)
+        assert {np.asarray(wanted).shape for wanted in part.wanted} == {shape}
 
 
 def test_plus_asks_for_objects_and_what_is_around_them():
@@ -104,29 +122,6 @@ def test_a_method_that_reads_all_gets_all():
     seen = FrameFeatures(method, recorder.in_part).describe(prepared, tracker.static)
     assert recorder.wanted == [None]
     np.testing.assert_array_equal(seen.patches, describe(image[None])[0])
-
-
-def closeup_tracker(name: str = "plus", backbone: Backbone | None = None, **options) -> Tracker:
-    config = {"tracker": name, "input": {"closeups": "always", **options}, **ROOM}
-    return Tracker(config, backbone or Recorder().whole)
-
-
-CLOSEUP_METHODS = [name for name in list_methods() if get_method(name).needs.reads_closeups]
-
-
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(m, marks=[pytest.mark.heavy] if m == "plus" else []) for m in CLOSEUP_METHODS],
-)
-def test_what_a_method_asks_for_in_closeups_is_all_that_it_reads(name):
-    whole, part = Recorder(), Recorder()
-    one, other = closeup_tracker(name, whole.whole), closeup_tracker(name, part.in_part)
-    for image, masks in frames(6):
-        one.update(image, masks)
-        other.update(image, masks)
-        jax.tree.map(np.testing.assert_array_equal, one.state, other.state)
-    shape = (CLOSEUPS_AT_ONCE, CLOSEUP_PATCHES, CLOSEUP_PATCHES)
-    assert {np.asarray(wanted).shape for wanted in part.wanted} == {shape}
 
 
 @pytest.mark.parametrize("num", [0, 1, CLOSEUPS_AT_ONCE, CLOSEUPS_AT_ONCE + 3])

@@ -14,17 +14,13 @@ from remind_jax.session.memory_file import SavedMemory
 from remind_jax.session.object_records import Sight
 from remind_jax.tracks import Tracks
 from tests.cli import scenes
-from tests.outputs.fake_run import make_tracks
+from tests.session.test_object_records import seen
 
 STATIC = {"num_detections": 4, "num_objects": 16}
 
 
 def frame_of(index: int, *ids: int) -> Tracks:
-    """A frame with these objects decided."""
-    masks = np.zeros((len(ids), 48, 64), bool)
-    for place in range(len(ids)):
-        masks[place, 10:30, 5 + 20 * place : 20 + 20 * place] = True
-    return make_tracks(index, masks, [{"object_id": one} for one in ids])
+    return seen(index, [*ids])
 
 
 def never() -> set[int]:

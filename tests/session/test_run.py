@@ -96,24 +96,22 @@ def as_arrays() -> dict[str, Any]:
     }
 
 
-def masks_of(labels: np.ndarray) -> np.ndarray:
-    return labels == np.unique(labels)[1:, None, None]
-
-
 def as_iterator() -> dict[str, Any]:
-    return {"source": iter([(image, masks_of(labels)) for image, labels in PICTURES])}
+    return {"source": iter([(image, scenes.masks_of(labels)) for image, labels in PICTURES])}
 
 
 def as_frames() -> dict[str, Any]:
     frames = [
-        Frame(index, index, index / 30, str(index), image, Detections.create(masks_of(labels)))
+        Frame(
+            index, index, index / 30, str(index), image, Detections.create(scenes.masks_of(labels))
+        )
         for index, (image, labels) in enumerate(PICTURES)
     ]
     return {"source": frames}
 
 
 def as_detector() -> dict[str, Any]:
-    known = {image.tobytes(): masks_of(labels) for image, labels in PICTURES}
+    known = {image.tobytes(): scenes.masks_of(labels) for image, labels in PICTURES}
     images = [image for image, _ in PICTURES]
     return {"source": images, "detector": lambda image: {"masks": known[image.tobytes()]}}
 
