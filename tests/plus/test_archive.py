@@ -168,7 +168,7 @@ def test_a_bound_below_the_working_set_holds_out_of_view(building):
 
 @pytest.fixture(scope="module")
 def building():
-    return Building(18 * PER_PLACE, noise=0.05, one_class=False, seed=3)
+    return Building(11 * PER_PLACE, noise=0.05, one_class=False, seed=3)
 
 
 def walk(tracker, building, places, start=0):
@@ -185,26 +185,27 @@ def walk(tracker, building, places, start=0):
 
 
 def test_what_rested_is_known_again_and_no_program_grows(building, tmp_path):
-    tracker = rj.Tracker(config={"static": {"num_detections": 16, "num_objects": 64}})
-    first = walk(tracker, building, range(18))
+    config = {"static": {"num_detections": 16, "num_objects": 64}}
+    tracker = rj.Tracker(config=config)
+    first = walk(tracker, building, range(8))
     assert tracker.static.num_objects == 64
-    assert tracker.num_objects == 18 * PER_PLACE == len(tracker.objects())
+    assert tracker.num_objects == 8 * PER_PLACE == len(tracker.objects())
     use = tracker.memory_use
-    assert (use.objects, use.objects - use.working_set) == (18 * PER_PLACE, use.at_rest)
+    assert (use.objects, use.objects - use.working_set) == (8 * PER_PLACE, use.at_rest)
     assert 0 < use.working_set <= 64
     tracker.save(tmp_path / "memory.safetensors")
-    again = walk(tracker, building, (2, 11, 5), start=180)
-    assert again == [first[2], first[11], first[5]]
-    other = rj.Tracker(config={"static": {"num_detections": 16, "num_objects": 64}})
+    again = walk(tracker, building, (2, 6), start=80)
+    assert again == [first[2], first[6]]
+    other = rj.Tracker(config=config)
     other.load(tmp_path / "memory.safetensors")
     assert {one.object_id for one in other.objects()} == {
         one.object_id for one in tracker.objects()
     }
-    assert walk(other, building, (0, 17), start=180) == [first[0], first[17]]
+    assert walk(other, building, (0, 7), start=80) == [first[0], first[7]]
     gone = first[3][3 * PER_PLACE]
     other.forget(gone)
     assert gone not in {one.object_id for one in other.objects()}
-    (now,) = walk(other, building, (3,), start=200)
+    (now,) = walk(other, building, (3,), start=100)
     assert now[3 * PER_PLACE] not in {one for visit in first for one in visit.values()}
 
 

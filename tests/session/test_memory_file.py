@@ -61,18 +61,20 @@ def path(tmp_path, memory) -> Path:
     return tmp_path / "memory.safetensors"
 
 
-def rewrite(path: Path, *, header: dict | None = None, drop: str = "", change: str = "") -> Path:
-    """Spoils a memory file in one respect."""
-    content = path.read_bytes()
-    length = int.from_bytes(content[:8], "little")
-    metadata = json.loads(content[8 : 8 + length])["__metadata__"] | (header or {})
-    metadata.pop("sha256")  # all else must be found without it
-    metadata = {name: value for name, value in metadata.items() if value is not None}
-    tensors = load_file(path)
-    tensors.pop(drop, None)
-    if change:
-        tensors[change] = tensors[change][..., None]
-    save_file(tensors, path, metadata=metadata)
+def rewrite(path: Path, *, header: dict | None = None, tensors: dict | None = None) -> Path:
+    """Changes entries of the header, and tensors by values or functions; None takes one out.
+
+    The checksum is left out, as in a file of an earlier version: all else must be found without it.
+    """
+    metadata = read_safetensors_header(path, refused=OutputError).metadata | (header or {})
+    kept = load_file(path)
+    for name, change in (tensors or {}).items():
+        kept[name] = change(kept[name]) if callable(change) else change
+    save_file(
+        {name: one for name, one in kept.items() if one is not None},
+        path,
+        metadata={k: v for k, v in metadata.items() if k != "sha256" and v is not None},
+    )
     return path
 
 
@@ -151,8 +153,11 @@ def test_other_and_missing_files_are_refused(path):
         ({"header": {"class_names": '["cup", "cup"]'}}, "'class_names' holds cup twice"),
         ({"header": {"class_names": json.dumps(["cup", "c" * 201])}}, "up to 200 characters"),
         ({"header": {"backbone": None}}, "its header lacks 'backbone'"),
-        ({"drop": "objects.id"}, "'objects.id' is missing"),
-        ({"change": "objects.id"}, r"'objects.id' is I32 of shape \[8, 1\]; expected"),
+        ({"tensors": {"objects.id": None}}, "'objects.id' is missing"),
+        (
+            {"tensors": {"objects.id": lambda ids: ids[:, None]}},
+            r"'objects.id' is I32 of shape \[8, 1\]; expected",
+        ),
     ],
 )
 def test_what_is_wrong_is_said(path, spoil, said):
@@ -199,16 +204,6 @@ def test_the_memory_of_another_tracker_says_what_to_do(memory, tracker, said):
     check_tracker(made, tracker, "file")
 
 
-def set_values(path: Path, changes: dict[str, Any]) -> Path:
-    """Changes tensors; the checksum is left out, as in a file of an earlier version."""
-    metadata = read_safetensors_header(path, refused=OutputError).metadata
-    tensors = load_file(path)
-    for name, change in changes.items():
-        tensors[name] = change(tensors[name]) if callable(change) else change
-    save_file(tensors, path, metadata={k: v for k, v in metadata.items() if k != "sha256"})
-    return path
-
-
 def spoiled(value: Any, index: Any = 0) -> Any:
     def change(values: np.ndarray) -> np.ndarray:
         values[index] = value
@@ -227,7 +222,7 @@ def test_one_bit_is_found(path):
 
 
 def test_files_without_a_checksum_are_read(path, memory):
-    loaded = load_memory(set_values(path, {}))
+    loaded = load_memory(rewrite(path))
     chex.assert_trees_all_equal(loaded.state, memory.state, strict=True)
 
 
@@ -264,7 +259,7 @@ def test_files_without_a_checksum_are_read(path, memory):
 )
 def test_what_no_run_leaves_is_refused(path, changes, said):
     with pytest.raises(OutputError, match=said):
-        load_memory(set_values(path, changes))
+        load_memory(rewrite(path, tensors=changes))
 
 
 def test_vectors_that_are_not_of_unit_length_are_refused(path):
@@ -274,7 +269,7 @@ def test_vectors_that_are_not_of_unit_length_are_refused(path):
         copy = path.with_name("copy")
         copy.write_bytes(path.read_bytes())
         with pytest.raises(OutputError, match="holds a vector of length 2; allowed: unit vectors"):
-            load_memory(set_values(copy, {name: lambda values: 2 * values}))
+            load_memory(rewrite(copy, tensors={name: lambda values: 2 * values}))
 
 
 @pytest.mark.parametrize("name", [name for name in list_methods() if name != "remind"])
@@ -287,13 +282,13 @@ def test_memories_of_every_method_are_checked(tmp_path, name):
     assert load_memory(path).tracker == name
     whole = path.read_bytes()
     with pytest.raises(OutputError, match=r"'objects.id' holds"):
-        load_memory(set_values(path, {"objects.id": spoiled(5)}))
+        load_memory(rewrite(path, tensors={"objects.id": spoiled(5)}))
     path.write_bytes(whole)
     for leaf, values in load_file(path).items():
         if values.dtype.kind == "f" and values.size:
             path.write_bytes(whole)
             with pytest.raises(OutputError, match=f"'{leaf}' holds"):
-                load_memory(set_values(path, {leaf: np.full_like(values, np.nan)}))
+                load_memory(rewrite(path, tensors={leaf: np.full_like(values, np.nan)}))
 
 
 @pytest.mark.parametrize(

@@ -275,7 +275,7 @@ def test_damaged_records_are_refused(tracker, tmp_path, change, said):
 def test_pictures_that_are_missing_are_refused(tracker, tmp_path):
     tracker.save(tmp_path / "memory.safetensors")
     with pytest.raises(OutputError, match="it lacks 'pictures'"):
-        load_memory(rewrite(tmp_path / "memory.safetensors", drop="pictures"))
+        load_memory(rewrite(tmp_path / "memory.safetensors", tensors={"pictures": None}))
 
 
 def test_the_best_pictures_fit_first():

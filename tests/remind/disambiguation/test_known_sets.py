@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.remind.disambiguation.joint_assignments import NUMBERS, GroupStatus
+from remind_jax.errors import ConfigError
+from remind_jax.remind.disambiguation.joint_assignments import NUMBERS, GroupStatus, list_injections
 from remind_jax.remind.disambiguation.known_sets import settle_known_sets
 from remind_jax.remind.memory.distances import Edges
 from remind_jax.remind.perception.relations import Contact
@@ -306,3 +307,8 @@ def test_groups_beyond_the_limits_are_skipped(limits):
     settled = settle_one(scene, thresholds(), **limits)
     assert settled.groups.status[0] == GroupStatus.TOO_LARGE_OR_SMALL
     assert settled.remaining[0]
+
+
+def test_too_large_groups_are_refused():
+    with pytest.raises(ConfigError, match="group_candidates"):
+        list_injections(7, 9)
