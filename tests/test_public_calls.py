@@ -41,244 +41,144 @@ def result():
     return rj.run(np.stack([IMAGE] * 3), masks=MAPS, progress=False)
 
 
-def given(frame, detections=MASKS):
-    return lambda: tracker().update(frame, detections)
+def update(frame, detections=MASKS):
+    return tracker().update(frame, detections)
 
 
-def given_frame(**changes):
-    return lambda: tracker().update(dataclasses.replace(FRAME, **changes))
+def update_frame(changes):
+    return tracker().update(dataclasses.replace(FRAME, **changes))
 
 
-def given_raw(**changes):
-    return lambda: tracker().update(IMAGE, dataclasses.replace(create(MASKS), **changes))
+def update_raw(changes):
+    return tracker().update(IMAGE, dataclasses.replace(create(MASKS), **changes))
 
 
-def run(**changes):
-    options = {"masks": np.zeros((2, 64, 96), int), "progress": False, **changes}
-    return lambda: rj.run(np.stack([IMAGE] * 2), **options)
+def run(options):
+    given = {"masks": np.zeros((2, 64, 96), int), "progress": False, **options}
+    return rj.run(np.stack([IMAGE] * 2), **given)
 
 
-CALLS = {
-    "update none": given(None),
-    "update text": given("a"),
-    "update list": given([1, 2]),
-    "update gray": given(IMAGE[..., 0]),
-    "update float": given(IMAGE.astype(float)),
-    "update rgba": given(np.zeros((64, 96, 4), np.uint8)),
-    "update empty": given(np.zeros((0, 0, 3), np.uint8), None),
-    "update tiny": given(np.zeros((3, 3, 3), np.uint8), np.zeros((0, 3, 3), bool)),
-    "update ragged": given([[1, 2], [3]]),
-    "update object": given(object()),
-    "masks nan": given(IMAGE, np.full((1, 64, 96), NAN)),
-    "masks shape": given(IMAGE, np.zeros((1, 32, 32), bool)),
-    "masks 1d": given(IMAGE, np.zeros(5, bool)),
-    "masks text": given(IMAGE, "mask"),
-    "masks 4d": given(IMAGE, np.zeros((1, 1, 64, 96), bool)),
-    "map negative": given(IMAGE, np.full((64, 96), -1)),
-    "map NAN": given(IMAGE, np.full((64, 96), NAN)),
-    "map inf": given(IMAGE, np.full((64, 96), np.inf)),
-    "map complex": given(IMAGE, np.zeros((64, 96), complex)),
-    "map strings": given(IMAGE, np.full((64, 96), "a")),
-    "dict empty": given(IMAGE, {}),
-    "dict unknown": given(IMAGE, {"mask": MASKS}),
-    "dict scores": given(IMAGE, {"masks": MASKS, "scores": [1]}),
-    "dict labels": given(IMAGE, {"masks": MASKS, "labels": ["a"]}),
-    "dict NAN score": given(IMAGE, {"masks": MASKS, "scores": [NAN, 1]}),
-    "boxes NAN": given(IMAGE, {"boxes": [[0, 0, NAN, 1]]}),
-    "boxes shape": given(IMAGE, {"boxes": [0, 1, 2]}),
-    "class ids": given(IMAGE, {"masks": MASKS, "class_ids": ["a", "b"]}),
-    "boxes bare": given(IMAGE, np.zeros((2, 4))),
-    "boxes on a gpu": given(IMAGE, {"boxes": Tensor(np.zeros((2, 4)), "cuda:0")}),
-    "image on a gpu": given(Tensor(IMAGE, "cuda:0")),
-    "results of another picture": given(IMAGE, ultralytics_results((10, 20), [[0, 0, 4, 4]])),
-    "results of two pictures": given(IMAGE, [ultralytics_results(SIZE, [[0, 0, 4, 4]])] * 2),
-    "results planes": given(IMAGE, ultralytics_results(SIZE, [[0, 0, 4, 4]], np.zeros((4, 4)))),
-    "results counts": given(IMAGE, ultralytics_results(SIZE, [[0, 0, 4, 4]], MASKS)),
-    "sam text": given(IMAGE, sam_masks(MASKS, ["a", "b"])),
-    "sam none": given(IMAGE, [{"segmentation": None}]),
-    "det no image": lambda: tracker().update(rj.Frame(0, 0, 0.0, "x")),
-    "det none": lambda: tracker().update(IMAGE),
-    "det int": given(IMAGE, 5),
-    "det set": given(IMAGE, {1, 2}),
-    "create none": lambda: create(None),
-    "create 2d": lambda: create(MASKS[0]),
-    "create text": lambda: create("abc"),
-    "create NAN": lambda: create(np.full((1, 4, 4), NAN)),
-    "create labels text": lambda: create(MASKS, "ab"),
-    "create labels set": lambda: create(MASKS, {"cup", "mug"}),
-    "create labels dict": lambda: create(MASKS, {"cup": 1, "mug": 2}),
-    "create labels len": lambda: create(MASKS, ["a"]),
-    "create labels int": lambda: create(MASKS, 5),
-    "create labels none": lambda: create(MASKS, [None, None]),
-    "create labels long": lambda: create(MASKS, ["a" * 300, "b"]),
-    "create scores NAN": lambda: create(MASKS, scores=[NAN, 1]),
-    "create scores 2": lambda: create(MASKS, scores=[2, 1]),
-    "create scores neg": lambda: create(MASKS, scores=[-1, 1]),
-    "create scores text": lambda: create(MASKS, scores=["a", "b"]),
-    "create scores 2d": lambda: create(MASKS, scores=[[1, 1]]),
-    "create ids float": lambda: create(MASKS, instance_ids=[0.5, 1]),
-    "create ids NAN": lambda: create(MASKS, instance_ids=[NAN, 1]),
-    "create ids text": lambda: create(MASKS, instance_ids="ab"),
-    "create ids len": lambda: create(MASKS, instance_ids=[1]),
-    "create ids huge": lambda: create(MASKS, instance_ids=[2**40, 1]),
-    "create ragged": lambda: create([[[1, 2], [3]]]),
-    "empty neg": lambda: rj.Detections.empty(-1, 5),
-    "empty text": lambda: rj.Detections.empty("a", 5),
-    "empty huge": lambda: rj.Detections.empty(10**9, 10**9),
-    "select out": lambda: create(MASKS).select([5]),
-    "select text": lambda: create(MASKS).select("a"),
-    "select mask len": lambda: create(MASKS).select([True]),
-    "select float": lambda: create(MASKS).select([0.5]),
-    "select neg": lambda: create(MASKS).select([-3]),
-    "raw unequal": given_raw(labels=("a",)),
-    "raw scores NAN": given_raw(scores=np.array([NAN, 1], np.float32)),
-    "raw masks float": given_raw(masks=np.full((2, 64, 96), NAN)),
-    "frame index": given_frame(index="a"),
-    "frame image": given_frame(image="a"),
-    "frame image f": given_frame(image=IMAGE.astype(float)),
-    "frame det": given_frame(detections="a"),
-    "frame feat": given_frame(features=np.zeros(3)),
-    "frame feat grid": given_frame(features=np.zeros((2, 2, 64), np.float32)),
-    "frame feat text": given_frame(features="a"),
-    "frame name": given_frame(name=5),
-    "frame time": given_frame(time_s=NAN),
-    "frame time text": given_frame(time_s="a"),
-    "tracker cfg none": lambda: rj.Tracker(None),
-    "tracker cfg int": lambda: rj.Tracker(5),
-    "tracker cfg list": lambda: rj.Tracker([1]),
-    "tracker cfg unknown": lambda: rj.Tracker("nope"),
-    "tracker cfg folder": lambda: rj.Tracker("/tmp"),
-    "tracker backbone none": lambda: rj.Tracker(backbone=None),
-    "tracker backbone int": lambda: rj.Tracker(backbone=5),
-    "tracker backbone ?": lambda: rj.Tracker(backbone="zzz"),
-    "tracker tracker": lambda: rj.Tracker(tracker=5),
-    "tracker announce": lambda: rj.Tracker(announce_after=-1),
-    "tracker announce f": lambda: rj.Tracker(announce_after=1.5),
-    "tracker announce t": lambda: rj.Tracker(announce_after="a"),
-    "tracker announce NAN": lambda: rj.Tracker(announce_after=NAN),
-    "tracker option": lambda: rj.Tracker(foo=1),
-    "tracker cfg deep": lambda: rj.Tracker({"a": {"b": {"c": 1}}}),
-    "warm text": lambda: tracker().warm_up("a"),
-    "warm 1": lambda: tracker().warm_up((5,)),
-    "warm neg": lambda: tracker().warm_up((-1, 5)),
-    "warm zero": lambda: tracker().warm_up((0, 0)),
-    "warm float": lambda: tracker().warm_up((64.5, 96)),
-    "warm huge": lambda: tracker().warm_up((99999999, 1)),
-    "warm huge2": lambda: tracker().warm_up((10**5, 10**5)),
-    "warm none": lambda: tracker().warm_up(None),
-    "warm objects": lambda: tracker().warm_up((64, 96), num_objects=-1),
-    "warm objects t": lambda: tracker().warm_up((64, 96), num_objects="a"),
-    "warm objects huge": lambda: tracker().warm_up((64, 96), num_objects=10**12),
-    "save none": lambda: tracker().save(None),
-    "save int": lambda: tracker().save(5.5),
-    "load none": lambda: tracker().load(None),
-    "load int": lambda: tracker().load(5.5),
-    "load missing": lambda: tracker().load("/nope"),
-    "load folder": lambda: tracker().load("/tmp"),
-    "prepare none": lambda: tracker().prepare(None),
-    "prepare image": lambda: tracker().prepare(IMAGE),
-    "advance none": lambda: tracker().advance(None),
-    "load_config none": lambda: rj.load_config(None),
-    "load_config int": lambda: rj.load_config(5),
-    "load_config empty": lambda: rj.load_config(""),
-    "load_config key int": lambda: rj.load_config({1: 2}),
-    "load_config NAN": lambda: rj.load_config({"decision.new": NAN}),
-    "load_config base": lambda: rj.load_config({"base": 5}),
-    "load_config tracker": lambda: rj.load_config({"tracker": ["a"]}),
-    "updated none": lambda: rj.load_config("default").updated(None),
-    "updated list": lambda: rj.load_config("default").updated([1]),
-    "with_tracker": lambda: rj.load_config("default").with_tracker(5),
-    "for_backbone": lambda: rj.load_config("default").for_backbone(5),
-    "from_ref": lambda: rj.Config.from_reference(5),
-    "from_ref none": lambda: rj.Config.from_reference(None),
-    "from_ref list": lambda: rj.Config.from_reference([1]),
-    "from_ref text": lambda: rj.Config.from_reference("nope.yaml"),
-    "from_ref k": lambda: rj.Config.from_reference(
-        {"association": {"scores": {"neighbor_sets": {"context": {"k": NAN}}}}}
-    ),
-    "from_ref every": lambda: rj.Config.from_reference(
-        {"memory": {"neighbors": {"force_episode_every_frames": "a"}}}
-    ),
-    "difference": lambda: rj.load_config("default").difference(5),
-    "run none": lambda: rj.run(None),
-    "run int": lambda: rj.run(5),
-    "run missing": lambda: rj.run("/nope.mp4"),
-    "run empty": lambda: rj.run([]),
-    "run arr": lambda: rj.run(np.zeros(5)),
-    "run nomask": run(masks=None),
-    "run masks": run(masks=5),
-    "run masks n": run(masks=np.zeros((1, 64, 96), int)),
-    "run masks f": run(masks=np.full((2, 64, 96), NAN)),
-    "run masks neg": run(masks=np.full((2, 64, 96), -3)),
-    "run opt": lambda: rj.run("x", foo=1),
-    "run delay": run(delay=-1),
-    "run delay t": run(delay="a"),
-    "run sampling": run(sampling=5),
-    "run sampling k": run(sampling={"fpz": 1}),
-    "run detector": run(masks=None, detector=5),
-    "run det ret": run(masks=None, detector=lambda f: 5),
-    "run det opts": run(masks=None, detector=lambda f: None, detector_options=5),
-    "run out": run(out=5),
-    "run memory": run(memory=5),
-    "run progress": run(progress=5),
-    **{
-        f"run {name}={value!r}": run(**{name: value})
-        for name, value in (
-            *(("overlay", "x"), ("overlay", 1), ("trace", "yes"), ("overwrite", None)),
-            *(("resume", 0), ("on_live", 5), ("progress", "yes")),
-        )
-    },
-    "live trace": lambda: rj.Tracker(trace=1),
-    "run fps": run(image_fps=NAN),
-    "run config": run(config=5),
-    "run metadata": run(metadata=5),
-    "run weights": run(weights=5),
-    "run fcache": run(feature_cache=5),
-    "open none": lambda: rj.open_source(None),
-    "open int": lambda: rj.open_source(5),
-    "open empty": lambda: rj.open_source(""),
-    "sampling": lambda: rj.Sampling(fps="a"),
-    "sampling0": lambda: rj.Sampling(fps=0),
-    "sampling s": lambda: rj.Sampling(stride=0.5),
-    "sweep none": lambda: rj.sweep(None, [{}]),
-    "sweep settings": lambda: rj.sweep("x", None),
-    "sweep str": lambda: rj.sweep("x", "a"),
-    "sweep empty": lambda: rj.sweep([], [{}]),
-    "sweep NAN": lambda: rj.sweep("x", [{"decision.new": NAN}]),
-    "sweep missing": lambda: rj.sweep("/nope", [{}]),
-    "evaluate none": lambda: rj.evaluate(None, None),
-    "evaluate int": lambda: rj.evaluate(5, 5),
-    "evaluate missing": lambda: rj.evaluate("/nope", "/nope2"),
-    "evaluate res": lambda: rj.evaluate(result(), 5),
-    "compare int": lambda: rj.compare(5, 5),
-    "compare empty": lambda: rj.compare([], []),
-    "res frame": lambda: result().to_supervision(99),
-    "res frame t": lambda: result().to_supervision("a"),
-    **{
-        f"res save {path!r}"[:40]: lambda path=path: result().save(path)
-        for path in (None, 5, "", "a\0b", b"a", [])
-    },
-    "calibrate option": lambda: calibrate("/nope", nope=1),
-    "sweep option": lambda: rj.sweep("/nope", [{}], nope=1),
-    "res load": lambda: rj.Result.load("/nope"),
-    "res load none": lambda: rj.Result.load(None),
-    "res explain": lambda: result().explain(0, 0),
-    "res tracks display": lambda: result().tracks[0].display_name(99),
-    "static float": lambda: rj.Static(num_objects=1.5),
-    "static none": lambda: rj.Static(num_objects=None),
-    "static none2": lambda: rj.Static(precision=None),
-    "method none": lambda: rj.get_method(None),
-    "stack nothing": lambda: rj.stack_scene("/nope"),
-    "stack none": lambda: rj.stack_scene([], num_objects=0),
-    "settings": lambda: rj.sweeps.stack(rj.Config().thresholds, [{"matching.mach": 1.0}]),
+# What a call is given instead of what it takes.
+WRONG = {
+    update: [
+        *(None, "a", [1, 2], [[1, 2], [3]], object(), rj.Frame(0, 0, 0.0, "x")),
+        *(IMAGE[..., 0], IMAGE.astype(float), np.zeros((64, 96, 4), np.uint8)),
+        Tensor(IMAGE, "cuda:0"),
+    ],
+    lambda masks: update(IMAGE, masks): [
+        *(None, 5, {1, 2}, "mask", {}),
+        *(np.full((1, 64, 96), NAN), np.zeros((1, 32, 32), bool), np.zeros(5, bool)),
+        *(np.zeros((1, 1, 64, 96), bool), np.full((64, 96), -1), np.full((64, 96), NAN)),
+        *(np.full((64, 96), np.inf), np.zeros((64, 96), complex), np.full((64, 96), "a")),
+        *({"mask": MASKS}, {"masks": MASKS, "scores": [1]}, {"masks": MASKS, "labels": ["a"]}),
+        *({"masks": MASKS, "scores": [NAN, 1]}, {"masks": MASKS, "class_ids": ["a", "b"]}),
+        *({"boxes": [[0, 0, NAN, 1]]}, {"boxes": [0, 1, 2]}, np.zeros((2, 4))),
+        {"boxes": Tensor(np.zeros((2, 4)), "cuda:0")},
+        ultralytics_results((10, 20), [[0, 0, 4, 4]]),  # of another picture
+        [ultralytics_results(SIZE, [[0, 0, 4, 4]])] * 2,  # of two pictures
+        ultralytics_results(SIZE, [[0, 0, 4, 4]], np.zeros((4, 4))),
+        ultralytics_results(SIZE, [[0, 0, 4, 4]], MASKS),
+        *(sam_masks(MASKS, ["a", "b"]), [{"segmentation": None}]),
+    ],
+    update_raw: [
+        {"labels": ("a",)},
+        {"scores": np.array([NAN, 1], np.float32)},
+        {"masks": np.full((2, 64, 96), NAN)},
+    ],
+    update_frame: [
+        *({"index": "a"}, {"image": "a"}, {"image": IMAGE.astype(float)}, {"detections": "a"}),
+        *({"features": np.zeros(3)}, {"features": np.zeros((2, 2, 64), np.float32)}),
+        *({"features": "a"}, {"name": 5}, {"time_s": NAN}, {"time_s": "a"}),
+    ],
+    create: [
+        *(None, MASKS[0], "abc", np.full((1, 4, 4), NAN), [[[1, 2], [3]]]),
+    ],
+    lambda labels: create(MASKS, labels): [
+        *("ab", ["a"], 5, [None, None], ["a" * 300, "b"], {"cup", "mug"}, {"cup": 1, "mug": 2}),
+    ],
+    lambda scores: create(MASKS, scores=scores): [
+        *([NAN, 1], [2, 1], [-1, 1], ["a", "b"], [[1, 1]]),
+    ],
+    lambda ids: create(MASKS, instance_ids=ids): [[0.5, 1], [NAN, 1], "ab", [1], [2**40, 1]],
+    lambda rows: create(MASKS).select(rows): [[5], "a", [True], [0.5], [-3]],
+    rj.Tracker: [None, 5, [1], "nope", "/tmp", {"a": {"b": {"c": 1}}}],
+    lambda backbone: rj.Tracker(backbone=backbone): [None, 5, "zzz"],
+    lambda after: rj.Tracker(announce_after=after): [-1, 1.5, "a", NAN],
+    lambda size: tracker().warm_up(size): [
+        *("a", None, (5,), (-1, 5), (0, 0), (64.5, 96), (99999999, 1), (10**5, 10**5)),
+    ],
+    lambda num: tracker().warm_up((64, 96), num_objects=num): [-1, "a", 10**12],
+    lambda path: tracker().save(path): [None, 5.5],
+    lambda path: tracker().load(path): [None, 5.5, "/nope", "/tmp"],
+    lambda frame: tracker().prepare(frame): [None, IMAGE],
+    lambda prepared: tracker().advance(prepared): [None],
+    rj.load_config: [
+        *(None, 5, "", {1: 2}, {"decision.new": NAN}, {"base": 5}, {"tracker": ["a"]}),
+    ],
+    lambda changes: rj.load_config("default").updated(changes): [None, [1]],
+    lambda name: rj.load_config("default").with_tracker(name): [5],
+    lambda name: rj.load_config("default").for_backbone(name): [5],
+    lambda other: rj.load_config("default").difference(other): [5],
+    rj.Config.from_reference: [
+        *(None, 5, [1], "nope.yaml"),
+        {"association": {"scores": {"neighbor_sets": {"context": {"k": NAN}}}}},
+        {"memory": {"neighbors": {"force_episode_every_frames": "a"}}},
+    ],
+    rj.run: [None, 5, "/nope.mp4", [], np.zeros(5)],
+    run: [
+        *({"masks": None}, {"masks": 5}, {"masks": np.zeros((1, 64, 96), int)}),
+        *({"masks": np.full((2, 64, 96), NAN)}, {"masks": np.full((2, 64, 96), -3)}),
+        *({"delay": -1}, {"delay": "a"}, {"sampling": 5}, {"sampling": {"fpz": 1}}),
+        {"masks": None, "detector": 5},
+        {"masks": None, "detector": lambda f: 5},
+        {"masks": None, "detector": lambda f: None, "detector_options": 5},
+        *({"out": 5}, {"memory": 5}, {"progress": 5}, {"progress": "yes"}, {"overlay": "x"}),
+        *({"overlay": 1}, {"trace": "yes"}, {"overwrite": None}, {"resume": 0}, {"on_live": 5}),
+        *({"image_fps": NAN}, {"config": 5}, {"metadata": 5}, {"weights": 5}, {"feature_cache": 5}),
+        {"foo": 1},
+    ],
+    rj.open_source: [None, 5, ""],
+    lambda fps: rj.Sampling(fps=fps): ["a", 0],
+    lambda stride: rj.Sampling(stride=stride): [0.5],
+    lambda settings: rj.sweep("x", settings): [None, "a", [{"decision.new": NAN}]],
+    lambda scenes: rj.sweep(scenes, [{}]): [None, [], "/nope"],
+    lambda truth: rj.evaluate(truth, truth): [None, 5, "/nope"],
+    lambda other: rj.evaluate(result(), other): [5],
+    lambda given: rj.compare(given, given): [5, []],
+    lambda frame: result().to_supervision(frame): [99, "a"],
+    lambda path: result().save(path): [None, 5, "", "a\0b", b"a", []],
+    rj.Result.load: ["/nope", None],
+    lambda row: result().tracks[0].display_name(row): [99],
+    lambda num: rj.Static(num_objects=num): [1.5, None],
+    lambda precision: rj.Static(precision=precision): [None],
+    rj.get_method: [None],
+    rj.stack_scene: ["/nope"],
+    lambda setting: rj.sweeps.stack(rj.Config().thresholds, [setting]): [{"matching.mach": 1.0}],
 }
+MORE = [
+    lambda: update(np.zeros((0, 0, 3), np.uint8), None),
+    lambda: update(np.zeros((3, 3, 3), np.uint8), np.zeros((0, 3, 3), bool)),
+    lambda: rj.Detections.empty(-1, 5),
+    lambda: rj.Detections.empty("a", 5),
+    lambda: rj.Detections.empty(10**9, 10**9),
+    lambda: rj.Tracker(tracker=5),
+    lambda: rj.Tracker(trace=1),
+    lambda: rj.Tracker(foo=1),
+    lambda: calibrate("/nope", nope=1),
+    lambda: rj.sweep("/nope", [{}], nope=1),
+    lambda: result().explain(0, 0),
+    lambda: rj.stack_scene([], num_objects=0),
+]
 
 
 def test_a_bad_call_is_refused_in_one_sentence():
+    calls = [(call, (value,)) for call, values in WRONG.items() for value in values]
     wrong = []
-    for name, call in CALLS.items():
+    for call, values in [*calls, *((call, ()) for call in MORE)]:
+        name = f"line {call.__code__.co_firstlineno}" if hasattr(call, "__code__") else call
+        name = f"{name} of {values!r:.60}"
         try:
-            call()
+            call(*values)
             wrong.append(f"{name}: goes through")
         except RemindError as error:
             said = str(error)
@@ -286,7 +186,7 @@ def test_a_bad_call_is_refused_in_one_sentence():
                 wrong.append(f"{name}: {said}")
         except Exception as error:
             wrong.append(f"{name}: {error!r}")
-    assert not wrong
+    assert not wrong, "\n".join(wrong)
 
 
 def test_a_tracker_that_refused_goes_on():
