@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from remind_jax.cli.main import main
 from tests.cli import scenes
+from tests.outputs.fake_run import make_run
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +38,19 @@ def command(capfd, monkeypatch, tmp_path) -> Command:
         return Outcome(code, *capfd.readouterr())
 
     return run
+
+
+@pytest.fixture(scope="session")
+def saved_run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("saved") / "run"
+    make_run()[1].save(folder)
+    return folder
+
+
+@pytest.fixture
+def run(saved_run, tmp_path) -> Path:
+    """The folder of a made-up run."""
+    return shutil.copytree(saved_run, tmp_path / "run")
 
 
 @pytest.fixture

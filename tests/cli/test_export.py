@@ -1,14 +1,5 @@
-import pytest
-
 from remind_jax.cli.main import main
 from remind_jax.metrics import evaluate
-from tests.outputs.fake_run import make_run
-
-
-@pytest.fixture
-def run(tmp_path):
-    make_run()[1].save(tmp_path / "run")
-    return tmp_path / "run"
 
 
 def test_the_file_lies_in_the_folder_of_the_run(run, capsys):

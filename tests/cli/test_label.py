@@ -17,12 +17,6 @@ from tests.outputs.fake_run import make_run
 
 
 @pytest.fixture
-def run(tmp_path):
-    make_run()[1].save(tmp_path / "run")
-    return tmp_path / "run"
-
-
-@pytest.fixture
 def edits(tmp_path):
     result = make_run()[1]
     content = {

@@ -52,7 +52,7 @@ def place(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("path", [LONG, f"a/{LONG}/b", "a\0b", "round/x", "a\udcff"])
+@pytest.mark.parametrize("path", [f"a/{LONG}/b", "a\0b", "round/x", "a\udcff"])
 def test_an_impossible_path_is_refused(path, place, monkeypatch, capsys):
     monkeypatch.chdir(place)
     if path == "round/x" and not (place / "round").is_symlink():

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from remind_jax.plus.linking import advance_tracklets
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.state import Objects, PlusState, Tracklets, init, no_tracklets
 from remind_jax.plus.thresholds import PlusThresholds
@@ -54,6 +55,30 @@ def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
 
 
 TICK = jnp.float32(1)
+
+
+def go_on(tracklets: Tracklets, seen: Sightings, origin, frame: int, **more):
+    """Tracklets after a frame, the next id, and how looks changed; see `linking.advance_tracklets`.
+
+    `next_id` is 9, `shift` of the image 0 and `doubt` about it 1 unless given.
+    """
+    given = {"next_id": 9, "shift": 0.0, "doubt": 1.0, **more}
+    return _advance(
+        tracklets,
+        seen,
+        jnp.asarray(origin),
+        jnp.int32(frame),
+        jnp.int32(given["next_id"]),
+        seen.valid,
+        np.zeros(len(seen.valid), bool),
+        TICK,
+        jnp.float32(given["shift"]),
+        jnp.float32(given["doubt"]),
+        T.mobility,
+    )
+
+
+_advance = jax.jit(advance_tracklets)
 
 
 def motion(shift: Any = (0.0, 0.0), score: Any = 1.0, elapsed: float = 1.0) -> Motion:

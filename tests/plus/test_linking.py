@@ -12,12 +12,11 @@ import pytest
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import linking
 from remind_jax.plus.class_names import confusion_odds, name_odds
-from tests.plus.frames import TICK, T, detections, empty_state, motion, tracklets_of
+from tests.plus.frames import TICK, T, detections, empty_state, go_on, motion, tracklets_of
 
 ROOM = 8
-NOTHING = np.zeros(3, bool)
 SCENE = empty_state().scene
-carry, advance_tracklets = jax.jit(linking.carry), jax.jit(linking.advance_tracklets)
+carry = jax.jit(linking.carry)
 
 
 @jax.jit
@@ -102,11 +101,7 @@ def test_looks_are_smoothed_and_new_tracklets_are_numbered():
     before = detections([[1, 1], [4, 1], [1, 4]])
     tracklets = tracklets_of(before, 0, ROOM)
     now = dataclasses.replace(before, look=before.look + 1.0)
-    origin = jnp.array([0, NO_SLOT, 2])
-    after, next_id, step = advance_tracklets(
-        tracklets, now, origin, jnp.int32(1), jnp.int32(7), now.valid, NOTHING, TICK,
-        jnp.float32(0), jnp.float32(1), T.mobility,
-    )  # fmt: skip
+    after, next_id, step = go_on(tracklets, now, [0, NO_SLOT, 2], 1, next_id=7)
     assert after.age[:3].tolist() == [2, 1, 2]
     assert after.id[:3].tolist() == [0, 7, 2]
     assert next_id == 8
@@ -121,19 +116,7 @@ def test_a_missed_tracklet_may_resume_for_some_ticks(missed, waits):
     unseen = jnp.full(ROOM, float(missed))
     tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM, unseen=unseen)
     nothing = detections([[0, 0]] * 3, valid=jnp.zeros(3, bool))
-    after, _, _ = advance_tracklets(
-        tracklets,
-        nothing,
-        jnp.full(3, NO_SLOT),
-        jnp.int32(missed + 1),
-        jnp.int32(3),
-        nothing.valid,
-        NOTHING,
-        TICK,
-        jnp.float32(0),
-        jnp.float32(1),
-        T.mobility,
-    )
+    after, _, _ = go_on(tracklets, nothing, [NO_SLOT] * 3, missed + 1)
     assert bool(after.alive.any()) == waits
     assert not after.alive[:3].any()  # the first rows are those of the frame
 

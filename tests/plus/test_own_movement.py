@@ -10,17 +10,23 @@ import numpy as np
 import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus import evidence, learning, linking, own_movement, scene_map
+from remind_jax.plus import evidence, learning, own_movement, scene_map
 from remind_jax.plus.own_movement import first_speed, mobility, speed_of
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import NO_RELATION
-from tests.plus.frames import TICK, T, detections, empty_state, motion, objects_of, tracklets_of
+from tests.plus.frames import (
+    TICK,
+    T,
+    detections,
+    empty_state,
+    go_on,
+    motion,
+    objects_of,
+    tracklets_of,
+)
 
 ROOM = 9
-advance_tracklets, expect_step = (
-    jax.jit(linking.advance_tracklets),
-    jax.jit(own_movement.expect_step),
-)
+expect_step = jax.jit(own_movement.expect_step)
 learn_speeds, learn_relations = (
     jax.jit(own_movement.learn_speeds),
     jax.jit(learning.learn_relations),
@@ -43,26 +49,13 @@ def follow(
     `shift`: how far the image moves per frame, `doubt`: how little that is believed.
     """
     tracklets = tracklets_of(detections(START), 0, ROOM)
-    origin = jnp.arange(3)
     for frame in range(1, frames):
         seen = detections(START + frame * steps, touches=jnp.array(touches))
         carried = dataclasses.replace(
             tracklets,
             center=tracklets.center + expect_step(tracklets, T.mobility),
         )
-        tracklets, _, _ = advance_tracklets(
-            carried,
-            seen,
-            origin,
-            jnp.int32(frame),
-            jnp.int32(9),
-            seen.valid,
-            np.zeros(3, bool),
-            TICK,
-            jnp.float32(shift),
-            jnp.float32(doubt),
-            T.mobility,
-        )
+        tracklets, _, _ = go_on(carried, seen, [0, 1, 2], frame, shift=shift, doubt=doubt)
     return tracklets
 
 
@@ -180,9 +173,6 @@ def test_nothing_moves_where_the_weight_is_zero():
 
 def test_an_unlinked_detection_begins_at_rest():
     tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
-    fresh, _, _ = advance_tracklets(
-        tracklets, detections(START), jnp.full(3, NO_SLOT), jnp.int32(12), jnp.int32(9),
-        jnp.ones(3, bool), np.zeros(3, bool), TICK, jnp.float32(0), jnp.float32(1), T.mobility,
-    )  # fmt: skip
+    fresh, _, _ = go_on(tracklets, detections(START), [NO_SLOT] * 3, 12)
     assert not fresh.drift[:3].any()
     assert not fresh.num_moves[:3].any()

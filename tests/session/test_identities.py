@@ -52,11 +52,12 @@ def test_records_agree_with_the_final_answers():
 
 
 def test_what_earlier_sessions_counted_stays(tmp_path):
-    tracker = rj.Tracker()
+    config = {"tracker": "iou", "static": STATIC}
+    tracker = rj.Tracker(config)
     for index in range(2):
         tracker.update(*scenes.picture(index))
     tracker.save(tmp_path / "memory.safetensors")
-    again = rj.Tracker()
+    again = rj.Tracker(config)
     again.load(tmp_path / "memory.safetensors")
     for index in range(2, 5):
         again.update(*scenes.picture(index))
