@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+from remind_jax.remind.context.evidence import ROUNDED_OBJECTS, join_links
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.context.influence import Influence
 from remind_jax.remind.context.veto import Veto
@@ -15,10 +16,13 @@ from tests.golden.load import load_expected
 from .scenes import (
     NUM,
     SLOTS,
+    STATIC,
     Scene,
     example,
     list_scenes,
     read_on,
+    thresholds,
+    view_of,
 )
 
 pytestmark = pytest.mark.usefixtures("x64")
@@ -132,3 +136,10 @@ def test_switched_off_nothing_is_said():
     assert not np.any(found.veto)
     candidate = (scene.det_class[:, None] == scene.object_class) & (scene.object_class >= 0)
     np.testing.assert_array_equal(found.plausible, candidate)
+
+
+@pytest.mark.parametrize(("num", "rounded"), [(ROUNDED_OBJECTS, True), (161, False)])
+def test_strengths_of_few_objects_have_single_precision(num, rounded):
+    view, rules = view_of(np.full((2, 2), 0.3)), thresholds().sets
+    links = join_links(view, np.int32(num), static=STATIC, t=rules)
+    assert links.strength[0, 1] == (np.float32(0.3) if rounded else np.sqrt(0.3 * 0.3))
