@@ -14,9 +14,7 @@ from remind_jax.config.dotted_keys import flatten
 def test_list_says_what_the_shipped_configurations_are(command):
     lines = command("config", "list").stdout.splitlines()
     assert [line.split()[0] for line in lines] == list_configs()
-    assert "default                            What runs unless another is named: plus" in lines
     assert all(len(line.split("  ")[-1]) > 10 for line in lines)
-    assert max(map(len, lines)) <= 80
 
 
 @pytest.mark.parametrize("backbone", ["patch-statistics", "dinov3-vits16"])
@@ -36,9 +34,6 @@ def test_show_prints_what_runs_and_a_file_of_it_runs_the_same(command, tmp_path,
 def test_show_is_of_the_backbone_that_runs_by_default(command):
     shown = command("config", "show", "remind").stdout
     assert shown == command("config", "show", "remind", "--backbone", "patch-statistics").stdout
-    outcome = command("config", "show", "--backbone", "patch-statistic")
-    assert (outcome.code, outcome.stdout) == (1, "")
-    assert "did you mean 'patch-statistics'?" in outcome.stderr
 
 
 def test_describe_says_what_a_setting_means(command):
@@ -61,11 +56,6 @@ def test_describe_takes_sections_and_knows_limits(command):
     heads = [line for line in outcome.stdout.splitlines() if not line.startswith(" ")]
     assert len(heads) == len(dataclasses.fields(Config().thresholds.ambiguous))
     assert "  at most 3: an undecided detection names three objects at most" in outcome.stdout
-
-
-def test_describe_helps_with_names(command):
-    assert "did you mean 'firm'?" in command("config", "describe", "decision.firn").stderr
-    assert "name the settings" in command("config", "describe").stderr
 
 
 def test_diff_prints_keys_that_differ(command, tmp_path):
