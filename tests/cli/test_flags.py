@@ -5,34 +5,40 @@ from __future__ import annotations
 import pytest
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import DetectionFlags, SamplingFlags
+from remind_jax.cli.flags import (
+    DetectionFlags,
+    SamplingFlags,
+    load_config_with,
+    parse_assignments,
+)
 from remind_jax.cli.main import VERBS, main
 from remind_jax.detectors.options import DetectorOptions
+from remind_jax.errors import ConfigError
 from remind_jax.sources.sampling import Sampling
 
 ACTIONS = ("list", "show", "diff", "validate", "import-reference")
+INNER = ("None", "False", "STR", "INT", "FLOAT", "ENGINES", "{[", "tyro", "(default: )")
 PAGES = [(verb,) for verb in VERBS] + [("config", action) for action in ACTIONS]
 
 
-@pytest.fixture
-def help_of(monkeypatch, capfd):
-    """The help of a verb on a terminal of 80 columns."""
+def test_help_speaks_no_python_and_fits_80_columns(monkeypatch, capfd):
     monkeypatch.setenv("COLUMNS", "80")
-
-    def show(*words: str) -> str:
-        capfd.readouterr()
+    for words in PAGES:
         assert main([*words, "--help"]) == process.FINE
-        return capfd.readouterr().out
-
-    return show
-
-
-@pytest.mark.parametrize("words", PAGES, ids="-".join)
-def test_help_speaks_no_python_and_fits_80_columns(help_of, words):
-    shown = help_of(*words)
-    assert max(map(len, shown.splitlines())) <= 80
-    for inner in ("None", "False", "STR", "INT", "FLOAT", "ENGINES", "{[", "tyro", "(default: )"):
-        assert inner not in shown
+        shown = capfd.readouterr().out
+        assert max(map(len, shown.splitlines())) <= 80
+        for inner in (
+            "None",
+            "False",
+            "STR",
+            "INT",
+            "FLOAT",
+            "ENGINES",
+            "{[",
+            "tyro",
+            "(default: )",
+        ):
+            assert inner not in shown, words
 
 
 @pytest.mark.parametrize(
@@ -40,3 +46,26 @@ def test_help_speaks_no_python_and_fits_80_columns(help_of, words):
 )
 def test_flags_have_the_defaults_of_the_library(flags, options):
     assert vars(flags()) == vars(options())
+
+
+def test_assignments_become_values_in_their_kind():
+    values = parse_assignments(["a.b=1", "a.c.d=0.5", "e=[x, y]", "a.f=off", "g=a=b"])
+    assert values == {"a.b": 1, "a.c.d": 0.5, "e": ["x", "y"], "a.f": False, "g": "a=b"}
+
+
+@pytest.mark.parametrize("text", ["video.mp4", "=1", "a..b=1", "a=[1"])
+def test_what_is_no_assignment(text):
+    with pytest.raises(ConfigError, match=r"--set"):
+        parse_assignments([text])
+
+
+@pytest.mark.parametrize("pair", [("input=1", "input.close_px=2"), ("input.close_px=2", "input=1")])
+def test_a_key_is_a_value_or_a_section(pair):
+    with pytest.raises(ConfigError, match="input in --set is 1; it must hold keys and values"):
+        load_config_with("default", (pair,))
+
+
+def test_configuration_with_changes():
+    changes = (("static.num_objects=7", "input.close_px=5"), ("static.num_objects=9",))
+    config = load_config_with("default", changes)
+    assert (config.static.num_objects, config.input.close_px) == (9, 5)

@@ -86,3 +86,18 @@ def test_source_names_become_folder_names(command, scene, tmp_path):
     masks = scenes.write_masks(tmp_path / "masks.npz", 4)
     command("run", strange, "--masks", masks, "--quiet", "--no-overlay", "--max-frames", 1)
     assert (tmp_path / "runs" / "my_rooms_2").is_dir()
+
+
+def test_closeups_are_kept_as_runs_go(command, scene, tmp_path):
+    run = ("run", scene[0], "--masks", scene[1], "--no-overlay", "--json")
+    command(*run, "--out", "plain")
+    tables = [(tmp_path / "plain" / "tracks.csv").read_bytes()]
+    kept = []
+    for name in ("first", "second"):
+        command(*run, "--feature-cache", "kept", "--out", name)
+        tables.append((tmp_path / name / "tracks.csv").read_bytes())
+        files = (tmp_path / "kept").rglob("*.npy")
+        kept.append({path: path.stat().st_mtime_ns for path in files})
+    assert len(set(tables)) == 1
+    assert kept[0] == kept[1]
+    assert kept[0]

@@ -148,32 +148,10 @@ def test_chairs_and_lamp_of_the_page(x64):
     np.testing.assert_allclose(order.margin_deviation, 0.002598, atol=2e-6)
 
 
-def test_order_statistics_of_the_page():
-    graph = empty_distances(3, jnp.float32)
-    for first, second in [(0.2, 0.5), (0.2, 0.7), (0.3, 0.2), (0.1, 0.5)]:
-        near = relate(symmetric((0, 2, first), (1, 2, second)))
-        graph = update(graph, near, [0, 1, 2], [False, False, True])
-    order = read_order(graph, 2, np.array([0, 1]), np.array([1, 0]))
-    np.testing.assert_array_equal(order.count, [4, 4])
-    np.testing.assert_array_equal(order.first_share, [0.75, 0.25])
-    np.testing.assert_allclose(order.margin_mean, [0.325, 0.325], atol=1e-6)  # float32
-    np.testing.assert_allclose(order.margin_deviation, [0.170783, 0.170783], atol=1e-6)
-
-
 def test_of_equal_distances_the_larger_id_is_nearer():
     equal = relate(symmetric((0, 1, 0.5), (0, 2, 0.5)))
     graph = update(empty_distances(3, jnp.float32), equal, [0, 1, 2], [True] * 3)
     assert (graph.nearer[0, 1, 2], graph.nearer[0, 2, 1]) == (0, 1)
-
-
-def test_episode_empties_everything_that_is_pending():
-    graph = update(empty_distances(4, jnp.float32), relate(np.ones((3, 3))), [0, 1, 2], [False] * 3)
-    np.testing.assert_array_equal(graph.pending.count[0], [0, 1, 1, 0])
-    graph = update(graph, relate(np.ones((3, 3))), [0, 1, 3], [True, False, False])
-    assert not graph.pending.count[0].any()
-    np.testing.assert_array_equal(graph.pending.count[1], [2, 0, 1, 1])
-    # 2 was gone when the episode came
-    np.testing.assert_array_equal(graph.edges.count[0], [0, 1, 0, 1])
 
 
 def test_later_detection_of_an_object_counts():
