@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import shutil
-import subprocess
 import tomllib
 from pathlib import Path
 
@@ -34,14 +32,6 @@ def test_workflows_do_what_there_is(path):
         needed = job.get("needs", [])
         assert {needed} if isinstance(needed, str) else set(needed) <= set(workflow["jobs"])
     assert set(re.findall(r"\bmake ([a-z-]+)", text)) <= read_targets()
-
-
-@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
-@pytest.mark.parametrize("target", ["demo", "test"])
-def test_first_commands_say_that_they_install_and_for_how_long(target, tmp_path):
-    words = ["make", "--dry-run", target, f"VENV={tmp_path / 'none'}"]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert re.search(r"echo \"installing .*usually takes .* minute", done.stdout)
 
 
 def test_the_container_copies_what_there_is():
