@@ -7,30 +7,13 @@ import numpy as np
 import pytest
 
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.plus.observation import Motion
-from remind_jax.plus.state import init
-from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
-from tests.plus.frames import detections
+from tests.plus.frames import detections, motion
+from tests.plus.walls import Walk, follow
 
 PER_PLACE, NUM_PLACES, NUM_FRAMES, DIM = 12, 5, 10, 64
 STATIC = Static(num_detections=PER_PLACE, num_objects=128, feature_dim=DIM)
 GRID = np.array([[0.8 + 1.5 * (k % 4), 0.8 + 1.4 * (k // 4)] for k in range(PER_PLACE)])
-
-
-@jax.jit
-def follow(sightings, motion):
-    """Answers of all frames."""
-
-    def one(state, frame):
-        sightings, motion = frame
-        state, verdicts = advance(
-            state, sightings, motion, sightings.valid, static=STATIC, thresholds=PlusThresholds()
-        )
-        return state, verdicts.answer_id
-
-    return jax.lax.scan(one, init(STATIC), (sightings, motion))[1]
 
 
 @pytest.mark.parametrize("num_classes", [40, 8, 1])
@@ -52,11 +35,9 @@ def test_places_that_lie_alike_are_told_apart_over_cuts(num_classes, seed):
         for row in things
     ]
     sightings = jax.tree.map(lambda *leaves: np.stack(leaves), *seen)
-    unknown = Motion(
-        np.eye(2, 3, dtype=np.float32), np.float32(0), np.array([480, 640], np.int32), np.float32(1)
-    )
-    motion = jax.tree.map(lambda leaf: np.stack([leaf] * len(things)), unknown)
-    answers = np.asarray(follow(sightings, motion))
+    unknown = jax.tree.map(lambda leaf: np.stack([leaf] * len(things)), motion(score=0.0))
+    _, verdicts, _, _ = follow(Walk(sightings, unknown, things), static=STATIC)
+    answers = verdicts.answer_id
     last = answers[NUM_FRAMES - 1 :: NUM_FRAMES]
     first, again = (
         dict(zip(things[rows].ravel().tolist(), last[half].ravel().tolist(), strict=True))
