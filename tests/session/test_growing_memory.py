@@ -50,9 +50,9 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
     with monkeypatch.context() as patched:
         patched.setattr(growing_memory.GrowingMemory, "_look_ahead", lambda *_: None)
         at_need, grown = follow(4)
-    roomy, expected = follow(64)
+    roomy, expected = follow(16)
     assert at_need.static.num_objects > 4
-    assert roomy.static.num_objects == 64
+    assert roomy.static.num_objects == 16
     for one, two, three in zip(prepared, grown, expected, strict=True):
         np.testing.assert_array_equal(one.object_id, three.object_id)
         np.testing.assert_array_equal(two.object_id, three.object_id)

@@ -12,7 +12,7 @@ from tests.cli import scenes
 # Of a tracker that compiles quickly: what is asked here does not depend on who decides.
 CONFIG = {
     "tracker": "bank",
-    "static": {"num_detections": 4, "num_objects": 6, "num_pending": 4},
+    "static": {"num_detections": 4, "num_objects": 8, "num_pending": 4},
 }
 
 
@@ -31,10 +31,10 @@ def test_one_compilation_whatever_the_counts():
 
 def test_after_a_warm_up_no_frame_waits():
     tracker = Tracker(CONFIG)
-    assert tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=12) > 0.0
+    assert tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=16) > 0.0
     assert tracker.state is None
     prepared = [step for *_, step in tracker._memory.frame_step._prepared]
-    assert [step.num_objects for step in prepared] == [6, 12]
+    assert [step.num_objects for step in prepared] == [8, 16]
     assert [step.num_detections for step in prepared] == [4, 4]
     for image, labels in frames(2):
         tracker.update(image, labels)
