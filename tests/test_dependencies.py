@@ -67,11 +67,15 @@ def names(requirements: list[str]) -> list[str]:
     return [re.split(r"[<>=!~\[; ]", requirement)[0] for requirement in requirements]
 
 
-@cache
-def imported(*folders: str) -> frozenset[str]:
+def imported(*folders: str) -> set[str]:
     """Every top module that a file in one of the folders imports, inside functions too."""
+    return set().union(*map(imported_within, folders))
+
+
+@cache
+def imported_within(folder: str) -> frozenset[str]:
     found = set()
-    for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
+    for path in (ROOT / folder).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 found |= {alias.name.partition(".")[0] for alias in node.names}

@@ -189,4 +189,6 @@ def test_attention_must_come_with_the_frame():
     static = change_static(Config().static, feature_dim=DIM, part_source="attention")
     feats = FrameFeats(features, np.array([144, 192], np.int32))
     with pytest.raises(ConfigError, match="without attention"):
-        describe(feats, reduced, static, Config().thresholds.as_arrays(static.scalar))
+        DESCRIBE(
+            feats, reduced, static=static, thresholds=Config().thresholds.as_arrays(static.scalar)
+        )
