@@ -148,24 +148,6 @@ def test_nothing_happens(why):
     assert np.all(settled.groups.status == GroupStatus.NONE)
 
 
-@pytest.mark.parametrize(
-    ("changes", "status"),
-    [
-        ({"min_evidence": 1e3}, GroupStatus.LOW_EVIDENCE),
-        ({"min_score": 2.0}, GroupStatus.LOW_SCORE),
-        ({"min_core": 2.0}, GroupStatus.LOW_CORE_SCORE),
-        ({"min_core_gap": 2.0}, GroupStatus.LOW_CORE_GAP),
-        ({"full_gap": 2.0}, GroupStatus.PARTIAL_RESOLVED),
-    ],
-)
-def test_each_test_can_reject(changes, status):
-    scenes = load_scenes("float32")
-    before, after = settle_scenes(scenes, "float32"), settle_scenes(scenes, "float32", **changes)
-    accepted = before.groups.status >= GroupStatus.RESOLVED
-    assert accepted.sum() >= 10
-    assert np.all(after.groups.status[accepted] == status)
-
-
 def chairs_and_lamp(chair_scores):
     """Two chairs and the lamp beside them (method.md#example-lamp): objects 0, 1 and 2."""
     num_detections, num_objects = 4, 4
@@ -231,73 +213,6 @@ def test_chairs_beside_a_lamp_change_places():
     np.testing.assert_allclose(number(groups, "second")[0], 0.196147, atol=digits)
     np.testing.assert_allclose(number(groups, "gap")[0], 0.477213, atol=digits)
     np.testing.assert_allclose(number(groups, "core_gap")[0], 0.563980, atol=digits)
-
-
-@pytest.mark.usefixtures("x64")
-def test_looks_do_not_overrule_the_layout():
-    """Looks that favor the other assignment by far stop the decision instead of turning it."""
-    t = thresholds(visual_weight=2.0)
-    settled = settle_one(chairs_and_lamp([[0.95, 0.30], [0.30, 0.95]]), t)
-    assert settled.groups.status[0] == GroupStatus.VISUAL_RANK_FLIP
-    np.testing.assert_array_equal(settled.remaining, [True, True, False, False])
-
-
-def likely_lamp(scene, score, threshold):
-    """The lamp's detection is not matched, but it may be the lamp."""
-    known = scene.pairs.score_known.copy()
-    known[2, 2] = score
-    open_scene = dataclasses.replace(
-        scene,
-        matched_slot=np.full(4, -1, np.int32),
-        pairs=known_pairs(known, scene.pairs.eligible),
-    )
-    return settle_one(open_scene, thresholds(soft_min_score=threshold))
-
-
-@pytest.mark.usefixtures("x64")
-def test_a_likely_object_votes_at_its_full_quality():
-    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
-    decided = settle_one(scene, thresholds())
-    likely, doubtful = likely_lamp(scene, 0.8, 0.8), likely_lamp(scene, 0.8, 0.81)
-    np.testing.assert_array_equal(likely.resolved_slot, decided.resolved_slot)
-    assert number(likely.groups, "core")[0] == number(decided.groups, "core")[0]
-    assert doubtful.groups.status[0] == GroupStatus.LOW_EVIDENCE
-    assert doubtful.groups.num_anchors[0] == 0
-
-
-@pytest.mark.usefixtures("x64")
-def test_a_decided_object_that_is_likely_elsewhere_votes_twice():
-    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
-    known, candidate = scene.pairs.score_known.copy(), scene.candidate.copy()
-    known[3, 2], candidate[3, 2] = 0.9, True
-    twice = dataclasses.replace(scene, candidate=candidate, pairs=known_pairs(known, candidate))
-    once, settled = settle_one(scene, thresholds()), settle_one(twice, thresholds())
-    assert settled.groups.num_anchors[0] == 2
-    np.testing.assert_allclose(
-        number(settled.groups, "evidence")[0], 2 * number(once.groups, "evidence")[0]
-    )
-    np.testing.assert_allclose(number(settled.groups, "core")[0], number(once.groups, "core")[0])
-
-
-@pytest.mark.usefixtures("x64")
-def test_an_open_group_stays_undecided():
-    """A third chair opens the group: the layout cannot say which one is absent."""
-    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
-    candidates = scene.undecided.slot.copy()
-    candidates[0, 2] = 3
-    opened = dataclasses.replace(
-        scene,
-        undecided=undecided(scene.undecided.present, candidates),
-        object_exists=np.ones(4, bool),
-    )
-    virtual = dataclasses.replace(
-        scene,
-        undecided=undecided(scene.undecided.present, np.where(candidates == 3, 4, candidates)),
-    )
-    assert settle_one(opened, thresholds()).groups.status[0] == GroupStatus.NOT_CLOSED
-    closed = settle_one(virtual, thresholds())
-    assert closed.groups.status[0] != GroupStatus.NOT_CLOSED
-    assert closed.groups.num_candidates[0] == 3
 
 
 @pytest.mark.usefixtures("x64")
