@@ -14,6 +14,7 @@ from remind_jax.remind.association.channel_scores import ChannelScores, Score
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import (
     AUTO,
+    BACKGROUND,
     OBJECT,
     PARTS,
     Terms,
@@ -91,34 +92,32 @@ def test_worked_example(x64, policy, values, expected):
     assert float(scores[policy][0, 0]) == pytest.approx(expected, abs=5e-7)  # six decimals given
 
 
-@pytest.mark.parametrize(("channel", "value"), [("inner", 0.5), ("outer", 1.0)])
-def test_a_chosen_ring_stands_alone(x64, channel, value):
-    static = change_static(STATIC, ring_channel=channel)
-    rings = similarity._combine_rings(score(0.5, 1.0), static, rules())
-    assert float(rings.value[0, 0]) == value
+def parts(*values: float) -> dict[str, Score]:
+    work = score(*values)
+    return {"parts_work": work, "parts_stable": jax.tree.map(np.zeros_like, work)}
+
+
+RINGS = {"rings_work": score(0.5, 1.0), "rings_stable": score(None, None)}
 
 
 @pytest.mark.parametrize(
-    ("channel", "value"), [("best", 0.82), ("global", 0.82), ("trimmed", 0.80)]
+    ("switches", "known", "term", "value"),
+    [
+        ({"ring_channel": "inner"}, RINGS, BACKGROUND, 0.5),
+        ({"ring_channel": "outer"}, RINGS, BACKGROUND, 1.0),
+        ({"object_channel": "best"}, {}, OBJECT, 0.82),
+        ({"object_channel": "global"}, {}, OBJECT, 0.82),
+        ({"object_channel": "trimmed"}, {}, OBJECT, 0.80),
+        ({"part_source": "both", "part_channel": "best"}, parts(0.6, 0.9), PARTS, 0.9),
+        ({"part_source": "both", "part_channel": "kmeans"}, parts(0.6, 0.9), PARTS, 0.6),
+        ({"part_source": "both", "part_channel": "attention"}, parts(0.6, 0.9), PARTS, 0.9),
+        ({"part_source": "kmeans", "part_channel": "kmeans"}, parts(0.6), PARTS, 0.6),
+        ({"part_source": "kmeans", "part_channel": "attention"}, parts(0.6), PARTS, None),
+    ],
 )
-def test_a_chosen_object_channel_stands_alone(x64, channel, value):
-    static = change_static(STATIC, object_channel=channel)
-    ways = similarity.collapse(ChannelScores(**EXAMPLE), similarity._WAYS, static, rules())
-    terms = jax.tree.map(lambda leaf: leaf[AUTO], ways)
-    assert float(terms.value[OBJECT, 0, 0]) == pytest.approx(value)
-
-
-@pytest.mark.parametrize(
-    ("source", "channel", "value"),
-    [("both", "best", 0.9), ("both", "kmeans", 0.6), ("both", "attention", 0.9),
-     ("kmeans", "kmeans", 0.6), ("kmeans", "attention", None)],
-)  # fmt: skip
-def test_a_chosen_part_channel_stands_alone(x64, source, channel, value):
+def test_a_chosen_channel_stands_alone(x64, switches, known, term, value):
     """method.md#visual-score; a channel that there is not leaves the term absent."""
-    static = change_static(STATIC, part_source=source, part_channel=channel)
-    parts = score(0.6, 0.9) if source == "both" else score(0.6)
-    known = {**EXAMPLE, "parts_work": parts, "parts_stable": jax.tree.map(np.zeros_like, parts)}
-    ways = similarity.collapse(ChannelScores(**known), similarity._WAYS, static, rules())
-    terms = jax.tree.map(lambda leaf: leaf[AUTO], ways)
-    assert bool(terms.present[PARTS, 0, 0]) == (value is not None)
-    assert float(terms.value[PARTS, 0, 0]) == pytest.approx(value or 0.0)
+    channels, static = ChannelScores(**{**EXAMPLE, **known}), change_static(STATIC, **switches)
+    ways = similarity.collapse(channels, similarity._WAYS, static, rules())
+    assert bool(ways.present[AUTO, term, 0, 0]) == (value is not None)
+    assert float(ways.value[AUTO, term, 0, 0]) == pytest.approx(value or 0.0)
