@@ -15,7 +15,6 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import least_seen, name_odds
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.plane import area_of
 from remind_jax.plus.state import Tracklets
 
 CROPPED_ODDS = 0.65  # share of what look and name say of a link: they change with the outline
@@ -76,13 +75,16 @@ def find_second(
 
 def cropped_overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:
     """Largest intersection over union of two boxes, both cropped at one side to what they share."""
-    left, right = jnp.broadcast_arrays(left[:, None, None], right[None, :, None])
-    low = jnp.maximum(left[..., :2], right[..., :2])
-    high = jnp.minimum(left[..., 2:], right[..., 2:])
-    shared = jnp.concatenate([low, high], axis=-1)
-    side = jnp.eye(4, dtype=bool)
-    areas = [
-        area_of(jnp.maximum(box[..., 2:] - box[..., :2], 0.0))
-        for box in (shared, *(jnp.where(side, shared, box) for box in (left, right)))
-    ]
-    return jnp.max(areas[0] / jnp.maximum(areas[1] + areas[2] - areas[0], 1e-6), axis=-1)
+    sides = [(left[:, None, side], right[None, :, side]) for side in range(4)]
+    shared = [(jnp.maximum if side < 2 else jnp.minimum)(*sides[side]) for side in range(4)]
+    inner, best = _area(*shared), jnp.zeros(())
+    for cropped in range(4):
+        union = -inner
+        for box in range(2):
+            union += _area(*(shared[k] if k == cropped else sides[k][box] for k in range(4)))
+        best = jnp.maximum(best, inner / jnp.maximum(union, 1e-6))
+    return best
+
+
+def _area(left: Array, top: Array, right: Array, bottom: Array) -> Array:
+    return jnp.maximum(right - left, 0.0) * jnp.maximum(bottom - top, 0.0)
