@@ -43,13 +43,19 @@ def _chair(named: int = SINK, box=TOP):
     return before, now
 
 
-def _link(now, tracklets, names=T.names):
+@jax.jit
+def _go_on(now, tracklets, names):
     odds = name_odds(now.class_id, tracklets.class_id, confusion_odds(empty_state().scene, names))
     unlike = odds - linking.UNLIKE
     thresholds = dataclasses.replace(T, names=names)
     links = linking.score_links(tracklets, now, jnp.zeros((3, 8)), unlike, TICK, thresholds)
     origin = linking.link(links, T.linking)
-    return int(origin[0]), bool(links.cropped.at(origin)[0])
+    return origin[0], links.cropped.at(origin)[0]
+
+
+def _link(now, tracklets, names=T.names):
+    origin, is_cropped = _go_on(now, tracklets, names)
+    return int(origin), bool(is_cropped)
 
 
 def test_a_cropped_box_goes_on_under_another_name_where_the_tracklet_was_just_seen():
