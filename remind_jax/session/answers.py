@@ -94,7 +94,7 @@ def note_omissions(
     is_second = np.asarray(decisions.reason[:num]) == Reason.DOUBLE
     if doubles := int(np.sum(prepared.is_double | is_second)):
         message = (
-            f"left out as second ones of one thing: {plural(doubles, 'detection')}; "
+            f"left out, as another shows the same thing: {plural(doubles, 'detection')}; "
             "see input.double_overlap and names.cropped"
         )
         omitted.append(Event(index, "double", message))

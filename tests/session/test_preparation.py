@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from remind_jax.config import load_config
+from remind_jax.decision import Reason, no_decisions
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.method import get_method
+from remind_jax.session.answers import note_omissions
 from remind_jax.session.preparation import FramePreparer
+from remind_jax.static import Static
 
 SIDE, PATCH = 64, 16
 CONFIG = load_config("default")
@@ -69,6 +72,16 @@ def test_second_detections_of_one_thing_are_no_detections_unless_kept():
     assert prepared.masks.valid.tolist() == [False, True]
     kept = preparer().prepare(doubled, CONFIG.updated({"input.double_overlap": 0.0}))
     assert kept.masks.valid.tolist() == [True, True]
+
+
+def test_second_detections_are_told_whoever_found_them():
+    prepared = preparer().prepare(twice("cup", "cup"), CONFIG)
+    nothing = no_decisions(Static(num_detections=4, num_objects=1))
+    reason = np.array([Reason.NONE, Reason.DOUBLE, Reason.NONE, Reason.DOUBLE])
+    for decisions, num in ((nothing, 1), (dataclasses.replace(nothing, reason=reason), 2)):
+        (event,) = note_omissions(prepared, decisions, ())
+        assert event.kind == "double"
+        assert f": {num} detection" in event.message
 
 
 def test_without_classes_second_detections_may_have_any_name():
