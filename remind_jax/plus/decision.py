@@ -24,6 +24,9 @@ from remind_jax.solvers.assignment_in_graph import assign_in_graph
 NEWNESS_RATE = 0.2  # share that one decision changes
 LEAST_NEWNESS = 0.1  # least share that is assumed, of new things and of known ones
 _ROUNDS = 5  # in which it settles
+# An answer that leads the next one by less, in log odds, waits so many times as long.
+CLEAR_LEAD = 1.25
+HESITATION = 2.0
 
 
 @jax.tree_util.register_dataclass
@@ -73,7 +76,8 @@ def decide(
     margin = own - jnp.where(is_known, jnp.maximum(best_other, private), best_other)
 
     early = is_known & (here.age >= t.early_age) & (margin > t.early_margin)
-    commits = rows.young & (enough | early)
+    waited = here.duration >= HESITATION * t.commit_age - clock.SLACK
+    commits = rows.young & ((enough & (margin > CLEAR_LEAD)) | waited | early)
     return Choice(
         slot=jnp.where(is_known, slot, NO_SLOT),
         margin=margin,

@@ -50,6 +50,7 @@ def _of_tracklets(state: PlusState, now: int) -> Iterator[str]:
     yield from outside("tracklets.size", tracklets.size, 0, where=alive)
     yield from outside("tracklets.belief", tracklets.belief, 0, 1, alive)
     yield from outside("tracklets.trust", tracklets.trust, 0, 1, alive)
+    yield from outside("tracklets.met", tracklets.met, 0, where=alive)
     yield from outside("tracklets.ring_count", tracklets.ring_count, 0, where=alive)
 
 

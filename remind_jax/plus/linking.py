@@ -17,6 +17,7 @@ from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
 from remind_jax.plus.cropping import CROPPED_ODDS, Cropped, find_cropped
+from remind_jax.plus.crossing import course_odds, follow_courses
 from remind_jax.plus.evidence import (
     COSINE_DECAY,
     COSINE_VARIANCE,
@@ -29,6 +30,8 @@ from remind_jax.plus.plane import (
     area_of,
     log_ratios,
     mean_sizes,
+    middle_of,
+    shared_area,
     squared_length,
     turned,
     zoom_of,
@@ -59,6 +62,7 @@ class Links:
 
     box: Float[Array, "T 4"]  # of the tracklets, where they should be now
     center: Float[Array, "T 2"]
+    course: Float[Array, "T 2"]
     score: Float[Array, "N T"]
     possible: Bool[Array, "N T"]
     cropped: Cropped
@@ -66,15 +70,15 @@ class Links:
 
 def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
     """Moves boxes and centers along with the image, and on by what moves of its own."""
-    turn = motion.matrix[:, :2]
-    shift = motion.matrix[:, 2] + tick_of(motion.elapsed) * expect_step(tracklets, t)
-    low, high = tracklets.box[:, :2], tracklets.box[:, 2:]
-    middle = turned((low + high) / 2, turn) + shift
-    half = (high - low) / 2 * zoom_of(turn)
+    turn, tick = motion.matrix[:, :2], tick_of(motion.elapsed)
+    shift = motion.matrix[:, 2] + tick * expect_step(tracklets, t)
+    middle = turned(middle_of(tracklets.box), turn) + shift
+    half = (tracklets.box[:, 2:] - tracklets.box[:, :2]) / 2 * zoom_of(turn)
     return dataclasses.replace(
         tracklets,
         box=jnp.concatenate([middle - half, middle + half], axis=1),
         center=turned(tracklets.center, turn) + shift,
+        course=turned(tracklets.course, turn) + motion.matrix[:, 2] + tick * tracklets.pace,
     )
 
 
@@ -166,6 +170,7 @@ def score_links(
     moves = mobility(speed_of(tracklets), t.mobility)
     overlap = _overlap(sightings.box, tracklets.box)
     geometry = t.linking.overlap * overlap - t.linking.distance * relative - SIZE_LOSS * log_ratio
+    geometry += course_odds(tracklets, sightings.box)
     cropped = find_cropped(tracklets, sightings, overlap, t.names)
     odds = jnp.minimum(look_odds, 0.0)
     score = (
@@ -177,7 +182,7 @@ def score_links(
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
     possible &= score > t.linking.least
-    return Links(tracklets.box, tracklets.center, score, possible, cropped)
+    return Links(tracklets.box, tracklets.center, tracklets.course, score, possible, cropped)
 
 
 def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
@@ -295,6 +300,10 @@ def advance_tracklets(
         ring_count=ring_count,
         belief=go_on(old.belief, 0.0),
         trust=go_on(old.trust, 1.0),
+        course=old.course,
+        pace=old.pace,
+        met=old.met,
+        met_id=old.met_id,
         fresh=linked & old.fresh,
         named=linked & old.named,
         leans_new=linked & old.leans_new,
@@ -305,6 +314,10 @@ def advance_tracklets(
     # Those that wait stay in the order in which they were last seen; the latest have room.
     waiting = jnp.argsort(~stays, stable=True)[: len(stays) - num]
     both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[waiting]]), here, others)
+    is_seen = jnp.pad(linked, (0, len(waiting)))
+    is_old = jnp.pad(linked, (0, len(waiting)), constant_values=True)
+    gap = jnp.pad(old.unseen + tick, (0, len(waiting)), constant_values=1.0)
+    both = follow_courses(both, is_old, is_seen, gap, tick)
     return both, next_id + jnp.sum(starts, dtype=jnp.int32), step
 
 
@@ -324,8 +337,5 @@ def _log_density(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Flo
 
 def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:
     """Intersection over union of boxes."""
-    low = jnp.maximum(left[:, None, :2], right[None, :, :2])
-    high = jnp.minimum(left[:, None, 2:], right[None, :, 2:])
-    inner = area_of(jnp.maximum(high - low, 0.0))
-    areas = [area_of(box[:, 2:] - box[:, :2]) for box in (left, right)]
-    return inner / jnp.maximum(areas[0][:, None] + areas[1][None, :] - inner, 1e-6)
+    inner = shared_area(left, right)
+    return inner / jnp.maximum(area_of(left)[:, None] + area_of(right) - inner, 1e-6)

@@ -26,9 +26,22 @@ def zoom_of(turn: Float[Array, "2 2"]) -> Float[Array, ""]:
     return jnp.sqrt(jnp.maximum(jnp.abs(area), 1e-6))
 
 
-def area_of(extent: Float[Array, "*any 2"]) -> Float[Array, "*any"]:
-    """Areas of rectangles by width and height."""
+def middle_of(box: Float[Array, "N 4"]) -> Float[Array, "N 2"]:
+    """Middles of boxes."""
+    return (box[:, :2] + box[:, 2:]) / 2
+
+
+def area_of(box: Float[Array, "*any 4"]) -> Float[Array, "*any"]:
+    """Areas of boxes, 0 of what is none."""
+    extent = jnp.maximum(box[..., 2:] - box[..., :2], 0.0)
     return extent[..., 0] * extent[..., 1]
+
+
+def shared_area(left: Float[Array, "N 4"], right: Float[Array, "M 4"]) -> Float[Array, "N M"]:
+    """Area that every two boxes share."""
+    low = jnp.maximum(left[:, None, :2], right[None, :, :2])
+    high = jnp.minimum(left[:, None, 2:], right[None, :, 2:])
+    return area_of(jnp.concatenate([low, high], axis=-1))
 
 
 def mean_sizes(left: Float[Array, "N"], right: Float[Array, "M"]) -> Float[Array, "N M"]:

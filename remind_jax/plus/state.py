@@ -95,6 +95,10 @@ class Tracklets:
     size: Float[Array, "T"]  # square root of the area of the mask
     touched: Bool[Array, "T"]  # the border of the frame when last seen
     drift: Float[Array, "T 2"]  # own movement per tick, smoothed
+    course: Float[Array, "T 2"]  # middle of its box, had it gone on as when it last stood apart
+    pace: Float[Array, "T 2"]  # own movement per tick by its last detections then
+    met: Float[Array, "T"]  # ticks since; 0: it stands apart
+    met_id: Int[Array, "T"]  # the tracklet that it met last, NO_ID: none
     num_moves: Float[Array, "T"]  # ticks that it averages
     image_shift: Float[Array, "T"]  # how far the image moved per tick meanwhile
     look: Float[Array, "T D"]  # smoothed
@@ -258,6 +262,10 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         size=_real(num, value=1.0),
         touched=zeros(num, bool),
         drift=_real(num, 2),
+        course=_real(num, 2),
+        pace=_real(num, 2),
+        met=_real(num),
+        met_id=_whole(num, value=NO_ID),
         num_moves=_real(num),
         image_shift=_real(num),
         look=_real(num, dim),

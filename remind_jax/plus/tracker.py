@@ -151,7 +151,9 @@ def _advance(
         t.motion,
         t.mobility,
     )
-    carried = dataclasses.replace(state.tracklets, box=links.box, center=links.center)
+    carried = dataclasses.replace(
+        state.tracklets, box=links.box, center=links.center, course=links.course
+    )
     # Which detection goes on with which tracklet?
     origin = link(links, t.linking)
     second = find_second(sightings, origin, confused, t.names)
