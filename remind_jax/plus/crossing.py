@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.plus.clock import tick_of
+from remind_jax.plus.observation import Motion
 from remind_jax.plus.own_movement import LEAST_MOVES
-from remind_jax.plus.plane import area_of, middle_of, shared_area, squared_length
+from remind_jax.plus.plane import area_of, common_box, middle_of, squared_length, turned
 from remind_jax.plus.state import Tracklets
 
 # Which of them meet.
@@ -25,6 +28,12 @@ SIZE_ERROR = 0.15  # of a place, by what hides a part of it, share of the size
 TICK_ERROR = 0.005  # more of it per tick, length ...
 DOUBLING = 30.0  # ... and twice as much per tick after so many
 TAILS = 3.0  # degrees of freedom: people also stop and turn
+
+
+def carry_courses(tracklets: Tracklets, motion: Motion) -> Float[Array, "T 2"]:
+    """Where each tracklet would be in this frame, had it gone on as before."""
+    by_image = turned(tracklets.course, motion.matrix[:, :2]) + motion.matrix[:, 2]
+    return by_image + tick_of(motion.elapsed) * tracklets.pace
 
 
 def course_odds(tracklets: Tracklets, box: Float[Array, "N 4"]) -> Float[Array, "N T"]:
@@ -46,37 +55,41 @@ def course_odds(tracklets: Tracklets, box: Float[Array, "N 4"]) -> Float[Array, 
 
 
 def follow_courses(
-    tracklets: Tracklets,
-    is_old: Bool[Array, "T"],
-    is_seen: Bool[Array, "T"],
-    gap: Float[Array, "T"],
-    tick: Float[Array, ""],
+    tracklets: Tracklets, linked: Bool[Array, "N"], gap: Float[Array, "N"], tick: Float[Array, ""]
 ) -> Tracklets:
     """Tracklets with the course and pace that they had when they last stood apart.
 
     Two of one class meet when one of them is missed while the box of the other one covers it.
 
     Args:
-      tracklets: Tracklets after this frame, their courses carried to it.
-      is_old: Those that were there before.
-      is_seen: Those of them that are in this frame.
-      gap: Ticks since each was last seen.
+      tracklets: Tracklets after this frame, those of its detections first; courses carried to it.
+      linked: Detections that go on with one of before.
+      gap: Ticks since that was seen.
       tick: Time since the last frame, one tick at most.
     """
-    box, met, waits = tracklets.box, tracklets.met, tracklets.unseen > 0
-    alike = tracklets.class_id[:, None] == tracklets.class_id
-    alike &= tracklets.alive[:, None] & tracklets.alive & ~jnp.eye(len(met), dtype=bool)
-    area = area_of(box)
-    shared = shared_area(box, box) / jnp.maximum(jnp.minimum(area[:, None], area), 1e-6)
-    hides = alike & (waits[:, None] | waits) & (shared > LEAST_SHARED)
-    meets = jnp.any(hides, axis=1) & is_old & ((met > 0) | (tracklets.num_moves >= LEAST_MOVES))
-    around = MARGIN * tracklets.size[:, None] * jnp.array([-1.0, -1.0, 1.0, 1.0])
-    near = alike & (shared_area(box + around, box + around) > 0)
-    is_near = jnp.any(near & (tracklets.met_id[:, None] == tracklets.id), axis=1)
-    is_met = (meets | ((met > 0) & is_old & is_near)) & (met < MOST_TICKS)
-    other = jnp.argmax(jnp.where(hides, shared, -1.0), axis=1)
-    met_id = jnp.where(meets, tracklets.id[other], tracklets.met_id)
-    rate = jnp.where(is_seen, tick / (gap * jnp.clip(tracklets.age - 1, 1, PACE_SAMPLES)), 0.0)
+    num, box, met = len(linked), tracklets.box, tracklets.met
+    here, waiting = (
+        jax.tree.map(lambda leaf, part=part: leaf[part], tracklets)
+        for part in (slice(num), slice(num, None))
+    )
+    shared = area_of(common_box(here.box[:, None], waiting.box))
+    least = jnp.minimum(area_of(here.box)[:, None], area_of(waiting.box))
+    shared = jnp.where(here.alive[:, None] & waiting.alive, shared / jnp.maximum(least, 1e-6), 0.0)
+    shared = jnp.where(here.class_id[:, None] == waiting.class_id, shared, 0.0)
+    share = jnp.concatenate([jnp.max(shared, axis=1), jnp.max(shared, axis=0)])
+    hidden, hiding = waiting.id[jnp.argmax(shared, axis=1)], here.id[jnp.argmax(shared, axis=0)]
+    is_old = jnp.pad(linked, (0, len(met) - num), constant_values=True)
+    meets = (share > LEAST_SHARED) & ((met > 0) | (tracklets.num_moves >= LEAST_MOVES))
+    met_id = jnp.where(meets, jnp.concatenate([hidden, hiding]), tracklets.met_id)
+    # One that waits stays met as long as it waits.
+    is_other = (here.met_id[:, None] == tracklets.id) & tracklets.alive
+    around = box + MARGIN * tracklets.size[:, None] * jnp.array([-1.0, -1.0, 1.0, 1.0])
+    other = around[jnp.argmax(is_other, axis=1)]
+    near = jnp.any(is_other, axis=1) & (area_of(common_box(around[:num], other)) > 0)
+    stays = (met > 0) & jnp.pad(near, (0, len(met) - num), constant_values=True)
+    is_met = tracklets.alive & is_old & (meets | stays) & (met < MOST_TICKS)
+    rate = tick / (gap * jnp.clip(here.age - 1, 1, PACE_SAMPLES))
+    rate = jnp.pad(jnp.where(linked, rate, 0.0), (0, len(met) - num))
     pace = tracklets.pace + rate[:, None] * (middle_of(box) - tracklets.course)
     pace = jnp.where(is_old[:, None], pace, 0.0)
     return dataclasses.replace(

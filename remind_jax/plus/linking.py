@@ -17,7 +17,7 @@ from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
 from remind_jax.plus.cropping import CROPPED_ODDS, Cropped, find_cropped
-from remind_jax.plus.crossing import course_odds, follow_courses
+from remind_jax.plus.crossing import follow_courses
 from remind_jax.plus.evidence import (
     COSINE_DECAY,
     COSINE_VARIANCE,
@@ -28,10 +28,10 @@ from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
 from remind_jax.plus.plane import (
     area_of,
+    common_box,
     log_ratios,
     mean_sizes,
     middle_of,
-    shared_area,
     squared_length,
     turned,
     zoom_of,
@@ -62,23 +62,26 @@ class Links:
 
     box: Float[Array, "T 4"]  # of the tracklets, where they should be now
     center: Float[Array, "T 2"]
-    course: Float[Array, "T 2"]
     score: Float[Array, "N T"]
     possible: Bool[Array, "N T"]
     cropped: Cropped
 
+    def with_odds(self, odds: Float[Array, "N T"], t: th.Linking) -> Links:
+        """The same with more evidence of each."""
+        score = self.score + odds
+        return dataclasses.replace(self, score=score, possible=self.possible & (score > t.least))
+
 
 def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
     """Moves boxes and centers along with the image, and on by what moves of its own."""
-    turn, tick = motion.matrix[:, :2], tick_of(motion.elapsed)
-    shift = motion.matrix[:, 2] + tick * expect_step(tracklets, t)
+    turn = motion.matrix[:, :2]
+    shift = motion.matrix[:, 2] + tick_of(motion.elapsed) * expect_step(tracklets, t)
     middle = turned(middle_of(tracklets.box), turn) + shift
     half = (tracklets.box[:, 2:] - tracklets.box[:, :2]) / 2 * zoom_of(turn)
     return dataclasses.replace(
         tracklets,
         box=jnp.concatenate([middle - half, middle + half], axis=1),
         center=turned(tracklets.center, turn) + shift,
-        course=turned(tracklets.course, turn) + motion.matrix[:, 2] + tick * tracklets.pace,
     )
 
 
@@ -170,7 +173,6 @@ def score_links(
     moves = mobility(speed_of(tracklets), t.mobility)
     overlap = _overlap(sightings.box, tracklets.box)
     geometry = t.linking.overlap * overlap - t.linking.distance * relative - SIZE_LOSS * log_ratio
-    geometry += course_odds(tracklets, sightings.box)
     cropped = find_cropped(tracklets, sightings, overlap, t.names)
     odds = jnp.minimum(look_odds, 0.0)
     score = (
@@ -182,7 +184,7 @@ def score_links(
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
     possible &= score > t.linking.least
-    return Links(tracklets.box, tracklets.center, tracklets.course, score, possible, cropped)
+    return Links(tracklets.box, tracklets.center, score, possible, cropped)
 
 
 def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
@@ -273,7 +275,8 @@ def advance_tracklets(
     same = linked & ~cropped
     look, ring = go_on(old.look, sightings.look, same), go_on(old.ring, 0.0)
     step = sightings.look - look
-    look_rate = 1.0 / jnp.clip(age, 1, SMOOTHING) * (linked & counts)
+    # Of two that pass behind each other each keeps the look that it had, whoever it is linked with.
+    look_rate = 1.0 / jnp.clip(age, 1, SMOOTHING) * (linked & counts & (old.met == 0))
     ring_rate = 1.0 / jnp.clip(ring_count, 1, SMOOTHING) * has_ring
     movement = follow_movement(old, same, sightings, tick, shift, doubt, t)
     here = Tracklets(
@@ -314,10 +317,7 @@ def advance_tracklets(
     # Those that wait stay in the order in which they were last seen; the latest have room.
     waiting = jnp.argsort(~stays, stable=True)[: len(stays) - num]
     both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[waiting]]), here, others)
-    is_seen = jnp.pad(linked, (0, len(waiting)))
-    is_old = jnp.pad(linked, (0, len(waiting)), constant_values=True)
-    gap = jnp.pad(old.unseen + tick, (0, len(waiting)), constant_values=1.0)
-    both = follow_courses(both, is_old, is_seen, gap, tick)
+    both = follow_courses(both, linked, old.unseen + tick, tick)
     return both, next_id + jnp.sum(starts, dtype=jnp.int32), step
 
 
@@ -337,5 +337,5 @@ def _log_density(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Flo
 
 def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:
     """Intersection over union of boxes."""
-    inner = shared_area(left, right)
+    inner = area_of(common_box(left[:, None], right))
     return inner / jnp.maximum(area_of(left)[:, None] + area_of(right) - inner, 1e-6)

@@ -37,11 +37,12 @@ def area_of(box: Float[Array, "*any 4"]) -> Float[Array, "*any"]:
     return extent[..., 0] * extent[..., 1]
 
 
-def shared_area(left: Float[Array, "N 4"], right: Float[Array, "M 4"]) -> Float[Array, "N M"]:
-    """Area that every two boxes share."""
-    low = jnp.maximum(left[:, None, :2], right[None, :, :2])
-    high = jnp.minimum(left[:, None, 2:], right[None, :, 2:])
-    return area_of(jnp.concatenate([low, high], axis=-1))
+def common_box(
+    left: Float[Array, "*left 4"], right: Float[Array, "*right 4"]
+) -> Float[Array, "*both 4"]:
+    """What two boxes share; its corners change sides if they are apart."""
+    low = jnp.maximum(left[..., :2], right[..., :2])
+    return jnp.concatenate([low, jnp.minimum(left[..., 2:], right[..., 2:])], axis=-1)
 
 
 def mean_sizes(left: Float[Array, "N"], right: Float[Array, "M"]) -> Float[Array, "N M"]:

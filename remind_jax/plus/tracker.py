@@ -19,6 +19,7 @@ from remind_jax.numerics.control_flow import branch
 from remind_jax.plus import clock
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
+from remind_jax.plus.crossing import carry_courses, course_odds
 from remind_jax.plus.cropping import find_second
 from remind_jax.plus.decision import decide, learn_newness
 from remind_jax.plus.evidence import (
@@ -133,9 +134,10 @@ def _advance(
     is_tick = passed >= 1.0 - clock.SLACK
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
-    # Where the image goes on, so do most of its objects; over a cut only looks can tell.
+    # Where the image goes on, so do most of its objects; over a cut, and of two that passed behind
+    # each other, only looks can tell.
     unlike = link_odds(likeness, state.scene, t.calibration)
-    limited = jnp.maximum(unlike, -UNLIKE)
+    limited = jnp.where(state.tracklets.met > 0, unlike, jnp.maximum(unlike, -UNLIKE))
     confused = confusion_odds(state.scene, t.names)
     over_cut = unlike + cut_odds(unlike, state.tracklets, sightings)
     look_odds = limited + doubt_of(motion) * (over_cut - limited)
@@ -151,10 +153,12 @@ def _advance(
         t.motion,
         t.mobility,
     )
+    course = carry_courses(state.tracklets, motion)
     carried = dataclasses.replace(
-        state.tracklets, box=links.box, center=links.center, course=links.course
+        state.tracklets, box=links.box, center=links.center, course=course
     )
     # Which detection goes on with which tracklet?
+    links = links.with_odds(course_odds(carried, sightings.box), t.linking)
     origin = link(links, t.linking)
     second = find_second(sightings, origin, confused, t.names)
     sightings = dataclasses.replace(sightings, valid=sightings.valid & ~second)

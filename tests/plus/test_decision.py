@@ -6,9 +6,10 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus.decision import Choice, decide
+from remind_jax.plus.decision import CLEAR_LEAD, HESITATION, Choice, decide
 from remind_jax.plus.evidence import OwnEvidence, Rows, Shortlist
 from remind_jax.plus.state import init, no_tracklets
 from remind_jax.plus.thresholds import Decision
@@ -49,6 +50,21 @@ def test_in_doubt_an_early_answer_is_a_known_object():
 
 
 def test_the_last_answer_is_not_biased():
-    choice = decide_alone(Decision().commit_age, NEW - 0.3, tentative=0.5)
+    choice = decide_alone(int(HESITATION * Decision().commit_age), NEW - 0.3, tentative=0.5)
     assert choice.slot == NO_SLOT
     assert choice.born
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_what_hardly_leads_waits_for_more_views(side):
+    age = Decision().commit_age
+    long = int(HESITATION * age)
+
+    def is_decided(age: int, lead: float) -> bool:
+        choice = decide_alone(age, NEW + side * lead, tentative=0.0)
+        return bool(choice.recognized | choice.born)
+
+    assert is_decided(age, CLEAR_LEAD + 0.1)
+    assert not is_decided(age - 1, CLEAR_LEAD + 0.1)
+    assert not is_decided(long - 1, CLEAR_LEAD - 0.1)
+    assert is_decided(long, CLEAR_LEAD - 0.1)

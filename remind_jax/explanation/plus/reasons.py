@@ -133,7 +133,7 @@ def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
     if e.confidence is not None:
         sure = f"confidence {number(e.confidence)}, calibrated from {sure}"
     if e.is_decided and e.age >= d.commit_age:
-        return f"after {d.commit_age} detections it is decided: {_answer(e)}; {sure}"
+        return f"after {e.age} detections it is decided: {_answer(e)}; {sure}"
     if e.is_decided:
         margin = "" if e.margin is None else f" ({compare(e.margin, '>', d.early_margin)} log odds)"
         return f"the lead is clear{margin}, so it is decided: {_answer(e)}; {sure}"
