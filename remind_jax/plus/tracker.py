@@ -19,8 +19,8 @@ from remind_jax.numerics.control_flow import branch
 from remind_jax.plus import clock
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
-from remind_jax.plus.crossing import carry_courses, course_odds
 from remind_jax.plus.cropping import find_second
+from remind_jax.plus.crossing import carry_courses, course_odds
 from remind_jax.plus.decision import decide, learn_newness
 from remind_jax.plus.evidence import (
     Shortlist,
