@@ -154,7 +154,8 @@ class Decision:
         "probability")
     firm_small: Real = setting(0.75, "the same for a small new object", "probability")
     possible: Real = setting(0.1, "least probability of what else it could be", "probability")
-    commit_age: Whole = setting(8, "time in view after which a tracklet is decided", "ticks")
+    commit_age: Whole = setting(8,
+        "time in view after which a tracklet is decided; twice that if no answer leads", "ticks")
     early_age: Whole = setting(2, "a clear win is decided from here on", "detections")
     early_margin: Real = setting(4.0, "lead that is a clear win", "log odds")
     tentative: Real = setting(1.5, "log odds that a new object loses until then", "log odds")
