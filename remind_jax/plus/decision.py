@@ -126,15 +126,23 @@ def class_row(class_id: Int[Array, "N"]) -> Int[Array, "N"]:
 
 
 def learn_newness(
-    scene: Scene, objects: Objects, choice: Choice, class_id: Int[Array, "N"]
+    scene: Scene,
+    objects: Objects,
+    choice: Choice,
+    class_id: Int[Array, "N"],
+    shortlist: Shortlist,
 ) -> tuple[Scene, Objects]:
     """Follows how often young rows turn out to be new, of all and class by class.
 
     The same object recognized again and again tells less each time: what flickers before a still
-    camera says nothing about newcomers.
+    camera says nothing about newcomers. Nor does a new object where nothing known could be it.
     """
     visits = objects.visits[jnp.maximum(choice.slot, 0)]
-    weight = jnp.where(choice.recognized, 1.0 / jnp.maximum(visits, 1), choice.born)
+    names = jnp.where(shortlist.valid, jnp.exp(shortlist.evidence.class_name), 0.0)
+    had_choice = jnp.minimum(jnp.sum(names, axis=1), 1.0)
+    weight = jnp.where(
+        choice.recognized, 1.0 / jnp.maximum(visits, 1), choice.born * had_choice
+    )
     rows = jnp.arange(len(scene.newness))[:, None]
     counts = ((rows == 0) | (rows == class_row(class_id))) * NEWNESS_RATE * weight
     left = jnp.prod(1.0 - counts, axis=1)

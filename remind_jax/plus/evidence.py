@@ -22,7 +22,7 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.clock import MISSED_TICKS
+from remind_jax.plus.clock import MISSED_TICKS, SLACK
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import mobility
 from remind_jax.plus.plane import squared_length
@@ -40,6 +40,12 @@ COSINE_DECAY = 0.999  # what a unit of weight leaves of the past
 # How looks and backgrounds tell.
 SURE_PATCHES = 2.0  # sides of a mask in patches from which on looks count in full
 LEAST_LOOK_WEIGHT = 0.25  # of looks of smaller masks
+# How a lead in looks tells, in log odds of looks.
+CHANCE_LEAD = 2.5  # lead of one of those that it is not that may be chance
+LEAD_BEST = 2.0  # most evidence of a lead
+LEAD_LOOKS = -1.0  # looks with which nothing leads; one more, and a lead counts in full
+LEAD_RIVALS = 2  # known objects of the class that it must lead at least
+SAME_CLASS = -1.5  # class names that agree worse are of other classes, log odds
 RING_SLOPE = 6.667  # log odds per cosine of the background
 RING_MIDDLE = 0.4  # cosine that says nothing
 RING_BEST = 2.0  # limit of this evidence to both sides before weighting, log odds
@@ -62,6 +68,7 @@ class OwnEvidence:
     """Evidence that an object has alone, in log odds, kind by kind; kinds add up."""
 
     looks: Float[Array, "N X"]
+    lead: Float[Array, "N X"]  # it looks far more like it than like all others of its class
     background: Float[Array, "N X"]
     place: Float[Array, "N X"]
     class_name: Float[Array, "N X"]
@@ -255,8 +262,11 @@ def shortlist(
     `waiting`: objects whose tracklet was missed and may resume.
     """
     moves = mobility(objects.speed, t.mobility)
+    looks = _look_evidence(cosine, sightings.patches, moves, scene, t)
+    waited = here.duration >= t.decision.commit_age - SLACK
     evidence = OwnEvidence(
-        looks=_look_evidence(cosine, sightings.patches, moves, scene, t),
+        looks=looks,
+        lead=jnp.where(waited[:, None], _lead_evidence(looks, names, objects.exists), 0.0),
         background=_ring_evidence(here, objects, scene, t.looks) * (1.0 - moves),
         place=_place_evidence(sightings, objects, pairs, t.place),
         class_name=names,
@@ -300,6 +310,24 @@ def _look_evidence(
     weight = jnp.clip(patches / SURE_PATCHES, LEAST_LOOK_WEIGHT, 1.0)
     best = t.looks.best + moves * (MOBILE_BEST - t.looks.best)
     return weight[:, None] * jnp.clip(odds, t.looks.worst, best)
+
+
+def _lead_evidence(
+    looks: Float[Array, "N O"], names: Float[Array, "N O"], exists: Bool[Array, "O"]
+) -> Float[Array, "N O"]:
+    """Evidence for the best of a class, by how far it leads the next one, free or not.
+
+    Rule: method_plus.md#lead.
+    """
+    comparable = exists & (names > SAME_CLASS)
+    of_class = jnp.where(comparable, looks, -jnp.inf)
+    best = jnp.max(of_class, axis=1, keepdims=True)
+    is_best = jnp.arange(len(exists)) == jnp.argmax(of_class, axis=1)[:, None]
+    second = jnp.max(jnp.where(is_best, -jnp.inf, of_class), axis=1, keepdims=True)
+    enough = jnp.sum(comparable, axis=1, keepdims=True) > LEAD_RIVALS
+    lead = jnp.where(enough, best - second, 0.0)
+    share = jnp.clip(best - LEAD_LOOKS, 0.0, 1.0)
+    return jnp.where(is_best, share * jnp.clip(lead - CHANCE_LEAD, 0.0, LEAD_BEST), 0.0)
 
 
 def _ring_evidence(

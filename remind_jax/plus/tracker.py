@@ -219,7 +219,7 @@ def _advance(
     reason = jnp.where(second, int(Reason.DOUBLE), decisions.reason)
     decisions = dataclasses.replace(decisions, reason=reason)
     # What does that teach?
-    scene, objects = learn_newness(scene, objects, choice, here.class_id)
+    scene, objects = learn_newness(scene, objects, choice, here.class_id, candidates)
     ended = find_ended(tracklets, t.decision)
     unseen = len(ended) - num
     touches = jnp.pad(sightings.touches, (0, unseen), constant_values=True)

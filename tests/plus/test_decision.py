@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus.decision import CLEAR_LEAD, HESITATION, Choice, decide
+from remind_jax.plus.decision import CLEAR_LEAD, HESITATION, Choice, decide, learn_newness
 from remind_jax.plus.evidence import OwnEvidence, Rows, Shortlist
 from remind_jax.plus.state import init, no_tracklets
 from remind_jax.plus.thresholds import Decision
@@ -68,3 +68,24 @@ def test_what_hardly_leads_waits_for_more_views(side):
     assert not is_decided(age - 1, CLEAR_LEAD + 0.1)
     assert not is_decided(long - 1, CLEAR_LEAD - 0.1)
     assert is_decided(long, CLEAR_LEAD - 0.1)
+
+
+def newness_after_birth(class_odds: float, valid: bool) -> float:
+    """Running share of new things after one more of them that one object might have been."""
+    static = Static(num_detections=1, num_objects=4, feature_dim=3)
+    state = init(static)
+    evidence = dict.fromkeys(OwnEvidence.kinds(), jnp.zeros((1, 1)))
+    evidence["class_name"] = jnp.array([[class_odds]])
+    blank, yes, no = jnp.zeros((1, 1)), jnp.array([True]), jnp.array([False])
+    candidate = Shortlist(
+        jnp.array([[SLOT]]), jnp.array([[valid]]), blank, blank, OwnEvidence(**evidence)
+    )
+    choice = Choice(jnp.array([NO_SLOT]), *[jnp.zeros(1)] * 3, no, born=yes, absorbed=no)
+    scene, _ = learn_newness(state.scene, state.objects, choice, jnp.array([0]), candidate)
+    return float(scene.newness[0])
+
+
+def test_a_new_object_tells_of_newness_only_where_it_could_have_been_a_known_one():
+    usual = float(init(Static(num_detections=1, num_objects=4, feature_dim=3)).scene.newness[0])
+    assert newness_after_birth(0.0, valid=False) == usual
+    assert newness_after_birth(0.0, valid=True) > newness_after_birth(-3.0, valid=True) > usual

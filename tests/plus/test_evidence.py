@@ -69,6 +69,37 @@ def test_small_masks_say_less_by_their_looks():
     assert 0 < small.evidence.looks[0, 0] < large.evidence.looks[0, 0]
 
 
+def lead_of(looks: list[float], waited: bool = True, class_id=0, num: int = 3) -> np.ndarray:
+    """Evidence of a lead of each object, whose cosines to the detection are given."""
+    state = empty_state()
+    objects = objects_of(LOOKS[:num], class_id=jnp.array([0, 0, class_id, 0]))
+    seen = detections([[1, 1]] * 3)
+    here = tracklets_of(seen, 0, 3, duration=np.full(3, 8.0 if waited else 7.0))
+    cosine = jnp.broadcast_to(jnp.array([*looks, -1.0]), (3, 4))
+    names = name_odds(here.class_id, objects.class_id, confusion_odds(state.scene, T.names))
+    admitted = objects.exists & jnp.array([True] * 4)
+    found = shortlist(
+        here, seen, jnp.broadcast_to(admitted, (3, 4)), NOBODY, cosine, names, objects,
+        state.pairs, state.scene, T,
+    )  # fmt: skip
+    lead = np.zeros(4)
+    lead[np.asarray(found.slot[0])] = np.asarray(found.evidence.lead[0])
+    return lead[:3]
+
+
+def test_what_looks_far_more_like_one_than_like_the_others_of_its_class_leads():
+    lead = lead_of([0.5, -0.5, -0.5])
+    assert lead[0] > 0.5
+    assert not lead[1:].any()
+    assert not lead_of([0.5, 0.4, -0.5]).any(), "the next one is as much like it"
+    assert not lead_of([0.0, -0.5, -0.5]).any(), "it looks like none of them"
+
+
+def test_a_lead_counts_over_some_of_the_class_and_once_views_suffice():
+    assert not lead_of([0.5, -0.5, -0.5], waited=False).any()
+    assert not lead_of([0.5, -0.5, -0.5], class_id=1).any(), "one of its class is no crowd"
+
+
 def test_late_rows_take_only_objects_never_seen_beside_their_own():
     state = empty_state()
     objects = objects_of(LOOKS)

@@ -137,15 +137,18 @@ def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
     if e.is_decided:
         margin = "" if e.margin is None else f" ({compare(e.margin, '>', d.early_margin)} log odds)"
         return f"the lead is clear{margin}, so it is decided: {_answer(e)}; {sure}"
+    waits = "not decided yet"
+    if e.age >= d.commit_age:
+        waits = "no answer leads clearly, so it is not decided yet"
     if e.id_without_delay is not None:
-        return f"not decided yet, and more likely than not {_answer(e)}; {sure}"
+        return f"{waits}, and more likely than not {_answer(e)}; {sure}"
     options = [f"{c.name} ({number(c.probability)})" for c in e.candidates if _could_be(c, t)]
     new = f"new ({number(e.new_probability or 0.0)})"
     firm = number(d.firm)
     if e.answer_id == e.tracklet_id:
         firm += f", a new object of a size under {number(SMALL)} from {number(d.firm_small)}"
     return (
-        f"not decided yet and no answer is likely enough ({sure}; firm from {firm}): "
+        f"{waits} and no answer is likely enough ({sure}; firm from {firm}): "
         f"{listing([*options, new], 'or')}"
     )
 

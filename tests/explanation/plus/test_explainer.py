@@ -63,7 +63,14 @@ def test_every_stage_is_explained_and_fits_the_answer(explained):
         assert str(one.answer_id) in text or one.object_id is None
         assert ("that was decided in frame" in text) == (one.stage == Stage.SETTLED)
         if one.stage == Stage.OPEN:
-            assert ("Not decided yet and" in text) == (one.object_id is None)
+            assert ("not decided yet and" in text.lower()) == (one.object_id is None)
+
+
+def test_that_an_answer_waits_because_none_leads_is_told(explained):
+    early = next(one for one in explained if one.stage == Stage.OPEN and not one.is_decided)
+    for age in (7, 8):
+        told = give_reasons(dataclasses.replace(early, age=age), PlusThresholds())
+        assert any("No answer leads clearly" in text for text in told) == (age == 8)
 
 
 def test_what_passed_to_another_thing_is_told(explained):
