@@ -221,7 +221,8 @@ def _take_block(
         )
 
     nothing = jnp.zeros_like(rows)
-    return lax.fori_loop(0, len(place), correct, _Turns(position, own, nothing, nothing))
+    last = jnp.max(jnp.where(sure, jnp.arange(len(place)) + 1, 0))  # the others correct nothing
+    return lax.fori_loop(0, last, correct, _Turns(position, own, nothing, nothing))
 
 
 def _clip(
