@@ -80,7 +80,8 @@ def newness_after_birth(class_odds: float, valid: bool) -> float:
     candidate = Shortlist(
         jnp.array([[SLOT]]), jnp.array([[valid]]), blank, blank, OwnEvidence(**evidence)
     )
-    choice = Choice(jnp.array([NO_SLOT]), *[jnp.zeros(1)] * 3, no, born=yes, absorbed=no)
+    zero = jnp.zeros(1)
+    choice = Choice(jnp.array([NO_SLOT]), zero, zero, zero, recognized=no, born=yes, absorbed=no)
     scene, _ = learn_newness(state.scene, state.objects, choice, jnp.array([0]), candidate)
     return float(scene.newness[0])
 
