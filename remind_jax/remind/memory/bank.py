@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +34,8 @@ from remind_jax.remind.memory.prototypes import (
     Bank,
     Edit,
     change,
+    change_all,
+    choose,
     closest_pair,
     count,
     count_quality,
@@ -45,9 +47,6 @@ from remind_jax.remind.memory.prototypes import (
     similarities,
     similarity_rate,
 )
-from remind_jax.remind.memory.writing import write_rows
-
-T = TypeVar("T")
 
 _FIRST = 0  # the entry that is longest in a bank
 
@@ -211,7 +210,7 @@ def _observe(
 
     def find_room() -> Edit:
         is_stable = full[STABLE]
-        target = _choose(is_stable, banks.stable, banks.work)
+        target = choose(is_stable, banks.stable, banks.work)
         of_channel = lambda pairs: jnp.where(is_stable, pairs[:, 1:], pairs[:, :1])  # noqa: E731
         make = functools.partial(make_room, now=now)
         return jax.vmap(jax.vmap(make, (0, 0, 0, None)))(
@@ -220,56 +219,7 @@ def _observe(
 
     no_room = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape[1:], leaf.dtype), edit)
     freed = branch(jnp.any(full), find_room, lambda: no_room, suits_all=True)
-    both = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), freed)
-    return _apply(banks, _choose(full, both, edit), arrival, adds), used
-
-
-def _apply(banks: Bank, edit: Edit, arrival: Bank, adds: Bool[Array, "2 C N"]) -> Bank:
-    """The banks after their edits.
-
-    Where none gives up a prototype, which closes a gap, one row of each is written, if any: on a
-    CPU that takes less than to make all of them anew.
-    """
-
-    def change_banks() -> Bank:
-        # In the order of the axes, so that no bank is turned around.
-        of_channels = jax.vmap(jax.vmap(change))
-        return jax.vmap(of_channels, (0, 0, None, 0))(banks, edit, arrival, adds)
-
-    def write_prototypes() -> Bank:
-        num_slots = banks.embedding.shape[-2]
-        first = num_slots * jnp.arange(adds.size, dtype=jnp.int32).reshape(adds.shape)
-        row = first + jnp.where(adds, banks.size, edit.at)
-        row = jnp.where(adds | edit.replaces, row, -1)
-        both = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), arrival)
-        memory, values = (
-            jax.tree.map(
-                lambda leaf: leaf.reshape(-1, leaf.shape[-1]), dataclasses.replace(bank, size=None)
-            )
-            for bank in (banks, _choose(adds, both, edit.value))
-        )
-        written = write_rows(memory, row.ravel(), values)
-        return Bank(
-            written.embedding.reshape(banks.embedding.shape),
-            written.counts.reshape(banks.counts.shape),
-            written.qualities.reshape(banks.qualities.shape),
-            banks.size + adds.astype(jnp.int32),
-        )
-
-    if jax.default_backend() != "cpu":
-        return change_banks()
-    return branch(jnp.any(edit.removes), change_banks, write_prototypes, suits_all=True)
-
-
-def _choose(chosen: Bool[Array, "..."], new: T, old: T) -> T:
-    """Of each array the new one where chosen; those axes are the leading ones."""
-    return jax.tree.map(
-        lambda new, old: jnp.where(
-            chosen.reshape(*chosen.shape, *(1,) * (new.ndim - chosen.ndim)), new, old
-        ),
-        new,
-        old,
-    )
+    return change_all(banks, choose(full, freed, edit), arrival, adds), used
 
 
 def _over_banks(function: Callable, axes: Sequence[tuple], out_axes: Any) -> Callable:
@@ -312,8 +262,7 @@ def _meet(
     close = seen.present & (cosine >= c.refresh.duplicate)
     # A stable duplicate hides the work bank from the whole, but not from parts.
     in_stable = jnp.zeros_like(seen.present) if seen.quality is None else close[STABLE]
-    refresh = functools.partial(_refresh, quality=seen.quality, permit=seen.permit, now=now)
-    refreshed = jax.vmap(refresh, (0, 0, None, 0))(old, cosine, seen.vector, c.refresh)
+    refreshed = jax.vmap(functools.partial(_refresh, seen, now))(old, cosine, c.refresh)
     return _Met(at, cosine, in_stable, close[WORK] & ~in_stable, refreshed)
 
 
@@ -349,10 +298,7 @@ def _judge(
     founds = seen.present & ~in_stable & ~in_work & permit.insert
     leaves = jnp.zeros_like(proven)
     if quality is None:
-        rule = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
-        joined = _refresh(
-            in_twin, twin_cosine, moved.embedding, rule, quality=None, permit=permit, now=now
-        )
+        joined = _feed(in_twin, twin_cosine, moved, permit, c, now)
         has_room = banks.size[WORK] < c.room.capacity[WORK]
         founds = founds & (has_room | (met.cosine[WORK] <= c.novel))
         arrival = new_entry(jnp.where(founds, vector, moved.embedding), one, now)
@@ -362,14 +308,14 @@ def _judge(
         proven = proven & (mean_quality(moved) >= c.promote_quality) & ~waits
         good = (quality >= c.create_quality) | (c.keeps_first & jnp.all(banks.size == 0))
         founds = founds & good & (jnp.max(met.cosine) <= c.novel)
-        arrival = _choose(founds, new_entry(vector, quality, now), moved)
+        arrival = choose(founds, new_entry(vector, quality, now), moved)
         leaves = proven
     edit = Edit(
         at=columns(at[WORK], jnp.where(in_stable, at[STABLE], twin)),
         value=jax.tree.map(
             lambda *leaves: jnp.stack(leaves),
             moved,
-            _choose(in_stable, met.refreshed.stable, joined),
+            choose(in_stable, met.refreshed.stable, joined),
         ),
         replaces=columns(again & ~leaves, in_stable | (proven & known)),
         gone=at,
@@ -399,16 +345,7 @@ def _feed_patches(
         feeds = present & (work.size > 0) & permit.insert & (proven.hits >= c.promote_hits)
         twin, cosine = nearest(stable, proven.embedding)
         known = cosine >= c.refresh.duplicate[STABLE]
-        rule = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
-        value = _refresh(
-            entry(stable, twin),
-            cosine,
-            proven.embedding,
-            rule,
-            quality=None,
-            permit=permit,
-            now=now,
-        )
+        value = _feed(entry(stable, twin), cosine, proven, permit, c, now)
         enters = feeds & ~known
         full = enters & (stable.size >= c.room.capacity[STABLE])
         edit = Edit(twin, value, feeds & known, jnp.int32(_FIRST), full)
@@ -434,17 +371,20 @@ def _feed_patches(
     return jax.tree.map(lambda *sides: jnp.stack(sides), banks.work, stable)
 
 
+def _feed(
+    old: Bank, cosine: Float[Array, ""], proven: Bank, permit: Permit, c: Channel, now: Array
+) -> Bank:
+    """A stable prototype that a work prototype, proven by unrated observations, resembles."""
+    rule = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
+    seen = _Observation(proven.embedding, jnp.bool_(True), None, permit)
+    return _refresh(seen, now, old, cosine, rule)
+
+
 def _refresh(
-    old: Bank,
-    cosine: Float[Array, ""],
-    vector: Float[Array, "D"],
-    rule: Refresh,
-    *,
-    quality: Float[Array, ""] | None,
-    permit: Permit,
-    now: Int[Array, ""],
+    seen: _Observation, now: Int[Array, ""], old: Bank, cosine: Float[Array, ""], rule: Refresh
 ) -> Bank:
     """Counts a hit and steps toward the vector; an unrated one has no quality to count."""
+    vector, quality, permit = seen.vector, seen.quality, seen.permit
     scale = permit.rate if quality is None else permit.rate * quality
     rate = similarity_rate(cosine, rule.duplicate, rule.margin, rule.rate_min, rule.rate_max, scale)
     counted = old
