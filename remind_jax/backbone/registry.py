@@ -214,8 +214,8 @@ def check_name(name: str) -> None:
             )
 
 
-def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
-    """Makes the backbone called `name`.
+def get_backbone(name: str | Backbone = DEFAULT_BACKBONE, **options: Any) -> Backbone:
+    """Makes the backbone called `name`; one that was made already is given back.
 
     Args:
       name: A registered name, or `"NAME:TARGET"` for a backbone that reads `TARGET`, usually a
@@ -225,6 +225,13 @@ def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
     Raises:
       ConfigError: If there is no such backbone or it does not take such an option.
     """
+    if isinstance(name, Backbone):
+        return name
+    if not isinstance(name, str):
+        raise ConfigError(
+            f"the backbone is of type {type(name).__name__}; give the name of one, or one that was "
+            "made by 'remind_jax.backbone.get_backbone'"
+        )
     check_name(name)
     parts = parts_of(name)
     if len(parts) > 1:

@@ -164,9 +164,9 @@ class Checkpoints:
             elif trace is not None:
                 trace.take_in(path)
         if frames:
-            tracker.resume(
-                frames[-1][1].attention_slots,
-                {gone: kept for _, step in frames for gone, kept in step.merges},
+            tracker.features.attention_slots = frames[-1][1].attention_slots
+            tracker.identities.resume(
+                {gone: kept for _, step in frames for gone, kept in step.merges}
             )
         return frames
 

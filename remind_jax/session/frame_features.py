@@ -25,12 +25,39 @@ class FrameFeatures:
     """Describes frames by a backbone, or takes the features that they bring.
 
     Attributes:
-      attention_slots: Object patches that there is room for.
+      attention_slots: Object patches whose attention there is room for.
+      with_closeups: Whether detections are described in closeups.
     """
 
-    def __init__(self, method: Method, backbone: Backbone) -> None:
+    def __init__(
+        self,
+        method: Method,
+        backbone: Backbone,
+        closeups: Literal["auto", "always", "never"] = "never",
+    ) -> None:
+        """Describes nothing yet.
+
+        Args:
+          closeups: As `input.closeups`.
+
+        Raises:
+          ConfigError: If closeups are to be described, and the method reads none.
+        """
         self._method, self._backbone = method, backbone
         self.attention_slots = _FIRST_SLOTS
+        if closeups == "always" and not method.needs.reads_closeups:
+            raise ConfigError(
+                f"input.closeups is 'always', but tracker '{method.name}' reads features of the "
+                "frame only; leave it at 'auto' or choose another tracker"
+            )
+        self.with_closeups = closeups == "always" or (
+            closeups == "auto" and method.needs.prefers_closeups and backbone.is_local
+        )
+
+    @property
+    def described_by(self) -> str:
+        """What looks in memory can be compared with."""
+        return f"{self._backbone.name}, closeups" if self.with_closeups else self._backbone.name
 
     def check(self, static: Static) -> None:
         """Makes sure that the backbone has what the method wants.
@@ -40,22 +67,6 @@ class FrameFeatures:
         """
         if self._attention_heads(static) is not None:
             self._backbone.check_attention()
-
-    def wants_closeups(self, choice: Literal["auto", "always", "never"]) -> bool:
-        """Whether detections are described in closeups, by `input.closeups`.
-
-        Raises:
-          ConfigError: If they are to be, and the method reads none.
-        """
-        method = self._method
-        if choice == "always" and not method.needs.reads_closeups:
-            raise ConfigError(
-                f"input.closeups is 'always', but tracker '{method.name}' reads features of the "
-                "frame only; leave it at 'auto' or choose another tracker"
-            )
-        return choice == "always" or (
-            choice == "auto" and method.needs.prefers_closeups and self._backbone.is_local
-        )
 
     def describe(self, prepared: Prepared, static: Static) -> AnyFeats:
         """The features of a frame, or of closeups if it was prepared with such; ready.

@@ -211,7 +211,7 @@ class FrameLoop:
             spent = {waited: 1000 * (time.perf_counter() - start)}
             if number < self.num_before:
                 _check_same(self._before[number][0], frame)
-                self.tracker.pass_over(frame)
+                self.tracker.preparer.pass_over(frame, self.tracker.config)
                 yield Upcoming(frame)
             else:
                 yield self._prepare(frame, spent)
@@ -268,7 +268,7 @@ class FrameLoop:
             events=[*tracker.events, *self._news(tracks.frame_index)],
             has_grown=tracker.has_grown,
             dropped=upcoming.dropped,
-            attention_slots=tracker.attention_slots,
+            attention_slots=tracker.features.attention_slots,
         )
         self._hand_on(upcoming.frame, decided, step, writer)
         written_ms = 1000 * (time.perf_counter() - tracked)

@@ -24,8 +24,8 @@ from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import AtRest, Method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.observation import AnyFeats
-from remind_jax.outputs.run_records import MemoryUse
-from remind_jax.printing.words import listing
+from remind_jax.outputs.run_records import Event, MemoryUse
+from remind_jax.printing.words import listing, plural
 from remind_jax.session.ahead import Ahead
 from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.preparation import Prepared
@@ -71,7 +71,21 @@ class GrowingMemory:
       at_rest: Objects at rest; None where the method has no place for them.
     """
 
-    def __init__(self, method: Method, static: Static, *, traced: bool) -> None:
+    def __init__(self, method: Method, static: Static, *, traced: bool, max_objects: int) -> None:
+        """Remembers nothing yet.
+
+        Args:
+          max_objects: As `input.max_objects`.
+
+        Raises:
+          ConfigError: If there is such a limit, and the method forgets no objects.
+        """
+        if max_objects and method.host.at_rest is None:
+            raise ConfigError(
+                f"input.max_objects is {max_objects}, but tracker '{method.name}' forgets no "
+                "objects; leave it at 0"
+            )
+        self._max_objects = max_objects
         self._state: Any = None  # as it was read or set last; None where it has to be read
         self._bundle: Bundle | None = None  # as the last step left it
         self.trace: Any = None
@@ -164,39 +178,39 @@ class GrowingMemory:
         self._look_ahead(make_input, num, readout.occupied)
         return readout.decisions, outlines
 
-    def forget_beyond(self, num: int) -> list[int]:
-        """Lets objects out of view go until no more than `num` are known; gives their ids."""
-        if self.at_rest is None or self.state is None:
+    def forget_excess(self, frame_index: int) -> list[Event]:
+        """Lets objects out of view go where more are known than are to be remembered."""
+        if self.at_rest is None or self.state is None or not self._max_objects:
             return []
-        resting = len(self.at_rest.ids())
-        present = int(np.sum(np.asarray(self.state.objects.id) != NO_ID))
-        excess = present + resting - num
+        present, resting = self._count()
+        excess = present + resting - self._max_objects
         if excess <= 0:
             return []
         if excess > resting:
             needed = self.static.num_objects + excess - resting
             rested = self.at_rest.make_room(self.state, self.static, needed)
             self.state = self.state if rested is None else rested
-        return self.at_rest.forget_least_known(excess)
+        gone = plural(len(self.at_rest.forget_least_known(excess)), "object")
+        what = f"{gone} forgotten, as more than {self._max_objects} were known"
+        return [Event(frame_index, "forgotten", what)]
 
     def reserve(self, num_detections: int) -> None:
         """Makes room for so many detections in a frame."""
         self._grow(num_detections=num_detections)
 
-    def known_ids(self) -> set[int]:
-        """Ids of all objects, at rest or not, and of those that are coming to be."""
-        resting = () if self.at_rest is None else self.at_rest.ids()
-        return {*self._method.known_ids(self.state), *resting}
-
     def use(self) -> MemoryUse:
         """How many objects there are, where they lie, and what that takes."""
         if self.state is None:
             return MemoryUse(0, 0, 0, 0)
-        present = int(np.sum(np.asarray(self.state.objects.id) != NO_ID))
-        resting = 0 if self.at_rest is None else len(self.at_rest.ids())
+        present, resting = self._count()
         num_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(self.state))
         num_bytes += 0 if self.at_rest is None else self.at_rest.num_bytes()
         return MemoryUse(present + resting, present, resting, num_bytes)
+
+    def _count(self) -> tuple[int, int]:
+        """Objects in slots of the step, and at rest."""
+        present = int(np.sum(np.asarray(self.state.objects.id) != NO_ID))
+        return present, 0 if self.at_rest is None else len(self.at_rest.ids())
 
     def _new_rest(self) -> AtRest | None:
         make = self._method.host.at_rest

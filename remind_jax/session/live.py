@@ -110,30 +110,20 @@ class Tracker(Printable):
             raise ConfigError(
                 f"tracker '{self.method.name}' does not explain its decisions; leave out trace"
             )
-        if isinstance(backbone, str):
-            backbone = get_backbone(backbone, **backbone_options)
-        elif not isinstance(backbone, Backbone):
-            raise ConfigError(
-                f"the backbone is of type {type(backbone).__name__}; give the name of one, or one "
-                "that was made by 'remind_jax.backbone.get_backbone'"
-            )
-        self.backbone = backbone
+        self.backbone = get_backbone(backbone, **backbone_options)
         static = self.config.static
         if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
             raise ConfigError(
                 "static.precision is 'float64', which needs 64-bit JAX; set the environment "
                 "variable JAX_ENABLE_X64=1"
             )
-        self._features = FrameFeatures(self.method, self.backbone)
-        self._features.check(static)
-        if self.config.input.max_objects and self.method.host.at_rest is None:
-            raise ConfigError(
-                f"input.max_objects is {self.config.input.max_objects}, but tracker "
-                f"'{self.method.name}' forgets no objects; leave it at 0"
-            )
+        self.features = FrameFeatures(self.method, self.backbone, self.config.input.closeups)
+        self.features.check(static)
         self.traces = trace  # whether it keeps what decisions were made of
-        self._preparer = self._new_preparer()
-        self._memory = GrowingMemory(self.method, static, traced=trace)
+        self.preparer = self._new_preparer()
+        self._memory = GrowingMemory(
+            self.method, static, traced=trace, max_objects=self.config.input.max_objects
+        )
         self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
         self._memory_file: MemoryFile | None = None  # the last one of `checkpoint`
         self._features_given = False
@@ -237,19 +227,14 @@ class Tracker(Printable):
         return most_detections(self.method, self.config.static, self.backbone.dim)
 
     @property
-    def attention_slots(self) -> int:
-        """Object patches whose attention there is room for."""
-        return self._features.attention_slots
-
-    @property
     def class_names(self) -> tuple[str, ...]:
         """Classes met so far, by class id."""
-        return tuple(self._preparer.class_ids)
+        return tuple(self.preparer.class_ids)
 
     def reset(self) -> None:
         """Forgets everything; compiled programs stay."""
         self._memory.forget()
-        self._preparer = self._new_preparer()
+        self.preparer = self._new_preparer()
         self.identities = Identities(self.announce_after, self.static.first_object_id)
 
     def warm_up(
@@ -280,14 +265,13 @@ class Tracker(Printable):
         preparer = self._new_preparer()
         prepared = preparer.prepare(Frame(0, 0, 0.0, "warm-up", image, nothing), self.config)
         self.follow_profile()
-        frame_feats = self._features.describe(prepared, self.static)
+        frame_feats = self.describe(prepared)
         self._memory.prepare_programs(frame_feats, prepared, self.config.thresholds, num_objects)
         return time.perf_counter() - start
 
     def _new_preparer(self) -> FramePreparer:
         """One that has seen no frame."""
-        with_closeups = self._features.wants_closeups(self.config.input.closeups)
-        return FramePreparer(self.method, self.backbone.patch_px, with_closeups)
+        return FramePreparer(self.method, self.backbone.patch_px, self.features.with_closeups)
 
     def update(self, frame: Any, detections: Any = None, *, time_s: float | None = None) -> Tracks:
         """Takes the next frame and says who is who in it.
@@ -326,7 +310,7 @@ class Tracker(Printable):
         if frame.detections is not None:
             require_room(len(frame.detections), frame.size, "the frame", self.most_detections)
         with self._alone("prepare"):
-            return self._preparer.prepare(frame, self.config)
+            return self.preparer.prepare(frame, self.config)
 
     def describe(self, prepared: Prepared) -> AnyFeats:
         """What the step will be told of a frame; needs no memory, and changes none.
@@ -334,7 +318,7 @@ class Tracker(Printable):
         Raises:
           SourceError: If it has neither an image nor features.
         """
-        return self._features.describe(prepared, self.static)
+        return self.features.describe(prepared, self.static)
 
     def advance(self, prepared: Prepared) -> Tracks:
         """The part of `update` that reads and writes memory.
@@ -356,17 +340,18 @@ class Tracker(Printable):
             self._features_given = True
         elif prepared.image is not None:
             self.follow_profile()
-        frame_feats = self._features.describe(prepared, self.static)
+        frame_feats = self.describe(prepared)
         described = time.perf_counter()
         self.events = []
         decisions, outlines = self._memory.step(frame_feats, prepared, self.config.thresholds)
         decided = read_tracks(prepared, outlines, decisions)
         merges = [] if self.method.host.merges is None else self.method.host.merges(self.state)
         pictured = prepared.frame.image if self.config.input.keep_pictures else None
-        known_ids = self._memory.known_ids
-        tracks, found = self.identities.add(decided, merges, pictured, known_ids)
+        tracks, found = self.identities.add(
+            decided, merges, pictured, lambda: self._saved().known_ids()
+        )
         omitted = note_omissions(prepared, decisions, self.config.input.ignored_classes)
-        self.events = [*omitted, *found, *self._forget_beyond(prepared.frame.index)]
+        self.events = [*omitted, *found, *self._memory.forget_excess(prepared.frame.index)]
         done = time.perf_counter()
         self.compile_s += waited_s() - waited_before
         self.stage_ms = {
@@ -375,33 +360,6 @@ class Tracker(Printable):
             "step": 1000 * (done - described),
         }
         return tracks
-
-    def _forget_beyond(self, frame_index: int) -> list[Event]:
-        """Lets objects go where more are known than are to be remembered."""
-        most = self.config.input.max_objects
-        gone = self._memory.forget_beyond(most) if most else []
-        if not gone:
-            return []
-        what = f"{plural(len(gone), 'object')} forgotten, as more than {most} were known"
-        return [Event(frame_index, "forgotten", what)]
-
-    def pass_over(self, frame: Frame) -> None:
-        """Takes the place of `prepare` for a frame that the memory has seen already.
-
-        Raises:
-          SourceError: If the frame is smaller than a patch.
-        """
-        self._preparer.pass_over(frame, self.config)
-
-    def resume(self, attention_slots: int, merged_into: Mapping[int, int]) -> None:
-        """After `load`: as if the frames that the memory has seen had been seen here.
-
-        Args:
-          attention_slots: As they were.
-          merged_into: Objects that turned out to be others in these frames, by ids of the memory.
-        """
-        self._features.attention_slots = attention_slots
-        self.identities.resume(merged_into)
 
     def save(self, path: str | Path, *, durably: bool = False) -> None:
         """Writes the memory to a file; an older one is replaced only by a complete one.
@@ -413,7 +371,7 @@ class Tracker(Printable):
           OutputError: If the file cannot be written.
           SourceError: If there is nothing to remember yet.
         """
-        save_memory(self._memory_path(path), self._saved(), durably=durably)
+        save_memory(path, self._saved(), durably=durably)
 
     def checkpoint(self, path: str | Path) -> None:
         """As `save`, and returns only when it is on the disk: for loops that may be cut off.
@@ -427,17 +385,10 @@ class Tracker(Printable):
           OutputError: If the file cannot be written; the memory before is kept.
           SourceError: If there is nothing to remember yet.
         """
-        path = self._memory_path(path)
+        path = as_path(path, "the memory file", OutputError)
         if self._memory_file is None or self._memory_file.path != path:
             self._memory_file = MemoryFile(path)
         self._memory_file.update(self._saved())
-
-    def _memory_path(self, path: str | Path) -> Path:
-        """Where the memory is to be written, now that there is one."""
-        path = as_path(path, "the memory file", OutputError)
-        if self.state is None:
-            raise SourceError("there is no memory to save before the first frame")
-        return path
 
     def load(self, path: str | Path) -> None:
         """Goes on from a memory file; what is in memory now is forgotten.
@@ -450,11 +401,10 @@ class Tracker(Printable):
           RemindError: If it was made with another backbone, by another tracker, or with room for
             other switches.
         """
-        path = as_path(path, "the memory file", OutputError)
         memory = load_memory(path)
         check_tracker(memory, self.method.name, path)
         if memory.backbone != FEATURES_GIVEN:
-            check_backbone(memory, self._described_by, path)
+            check_backbone(memory, self.features.described_by, path)
         self._features_given = memory.backbone == FEATURES_GIVEN
         self._memory.static = static_of(memory, self.config, path)
         self._restore(memory)
@@ -471,9 +421,6 @@ class Tracker(Printable):
           ConfigError: If the tracker cannot join memories.
           SourceError: If there is nothing to join it with yet.
         """
-        path = as_path(path, "the memory file", OutputError)
-        if self.state is None:
-            raise SourceError("there is no memory to join before the first frame; 'load' the file")
         with self._alone("prepare"), self._alone("advance"):
             joined, told = join_memories(
                 self._saved(), load_memory(path), path, self.config.thresholds
@@ -486,7 +433,7 @@ class Tracker(Printable):
         self._memory.state = memory.state
         if memory.at_rest is not None:
             self._memory.at_rest = memory.at_rest
-        self._preparer.class_ids = {name: number for number, name in enumerate(memory.class_names)}
+        self.preparer.class_ids = {name: number for number, name in enumerate(memory.class_names)}
         self.identities.restore(memory)
 
     def __reduce__(self) -> Any:
@@ -510,12 +457,6 @@ class Tracker(Printable):
         finally:
             lock.release()
 
-    @property
-    def _described_by(self) -> str:
-        """What looks in memory can be compared with."""
-        with_closeups = self._features.wants_closeups(self.config.input.closeups)
-        return f"{self.backbone.name}, closeups" if with_closeups else self.backbone.name
-
     def follow_profile(self) -> None:
         """Takes the thresholds made for the backbone, now that it is known to be used."""
         if not self._has_profile:
@@ -523,13 +464,19 @@ class Tracker(Printable):
             self._has_profile = True
 
     def _saved(self) -> SavedMemory:
-        """The memory as it is now."""
+        """The memory as it is now.
+
+        Raises:
+          SourceError: If there is nothing to remember yet.
+        """
+        if self.state is None:
+            raise SourceError("there is no memory before the first frame; 'load' a file for one")
         announced = self.identities.announcements
         return SavedMemory(
             state=self.state,
             static=self.static,
             class_names=self.class_names,
-            backbone=FEATURES_GIVEN if self._features_given else self._described_by,
+            backbone=FEATURES_GIVEN if self._features_given else self.features.described_by,
             tracker=self.method.name,
             announced=None if announced.is_identity else announced,
             records=self.identities.records,

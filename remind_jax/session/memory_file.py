@@ -143,7 +143,8 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
       Its checksum.
     """
     leaves, header = _describe(memory)
-    with files.replacing(Path(path), SafetensorError, durably=durably) as partial:
+    path = files.as_path(path, "the memory file", OutputError)
+    with files.replacing(path, SafetensorError, durably=durably) as partial:
         save_file(leaves, partial, metadata=header)
     return header["sha256"]
 
@@ -185,7 +186,7 @@ def load_memory(path: str | Path) -> SavedMemory:
         what no run leaves.
       ConfigError: If it was made by a tracker that there is not.
     """
-    path = Path(path)
+    path = files.as_path(path, "the memory file", OutputError)
     if path.is_dir():
         raise OutputError(
             f"memory '{path}' is a folder; give the file, memory.safetensors of a run"
