@@ -19,7 +19,6 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import dot
 from remind_jax.numerics.slices import give_axis
@@ -30,7 +29,7 @@ from remind_jax.plus.evidence import BORDER_ERROR, COSINE_DECAY
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import forgetting_speed
 from remind_jax.plus.plane import log_ratios, mean_sizes
-from remind_jax.plus.slots import NO_ROW, count_before, rows_of
+from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.whitening import whiten
@@ -53,90 +52,6 @@ ABSENT_WEIGHT = 0.5  # other known objects of the class, ...
 ABSENT_MOST = 5.0  # ... of which so many count
 SURE_WEIGHT = 2.0  # a clearly recognized object: ...
 SURE_MARGIN = 3.0  # ... its lead, log odds
-
-
-def create_objects(
-    objects: Objects,
-    pairs: Pairs,
-    tracklets: Tracklets,
-    born: Bool[Array, "T"],
-    place_variance: Float[Array, "T"],
-    speed: Float[Array, "T"],
-) -> tuple[Objects, Pairs, Int[Array, "T"]]:
-    """Gives new objects the lowest free slots, in the order of the tracklets.
-
-    Returns:
-      Objects, pairs, and the slot of each tracklet (its own before where nothing was created).
-    """
-    num_o = len(objects.id)
-    free = jnp.argsort(objects.exists, stable=True)
-    lowest = free[jnp.minimum(count_before(born), num_o - 1)].astype(jnp.int32)
-    slot = jnp.where(born, lowest, tracklets.slot)
-    row = rows_of(slot, born, num_o)
-    is_new = row != NO_ROW
-    objects = dataclasses.replace(
-        objects,
-        id=jnp.where(is_new, tracklets.id[row], objects.id),
-        class_id=jnp.where(is_new, tracklets.class_id[row], objects.class_id),
-        class_lead=jnp.where(is_new, tracklets.class_lead[row], objects.class_lead),
-        seen=jnp.where(is_new, 0, objects.seen),
-        visits=jnp.where(is_new, 1, objects.visits),
-        last=jnp.where(is_new, tracklets.last[row], objects.last),
-        position=jnp.where(is_new[:, None], tracklets.center[row], objects.position),
-        size=jnp.where(is_new, tracklets.size[row], objects.size),
-        speed=jnp.where(is_new, speed[row], objects.speed),
-        bank_count=jnp.where(is_new[:, None], 0, objects.bank_count),
-        ring=jnp.where(is_new[:, None], 0.0, objects.ring),
-        ring_count=jnp.where(is_new, 0, objects.ring_count),
-    )
-    # Nothing is known between a free slot and the others, so there is nothing to clear.
-    own = jnp.eye(num_o, dtype=bool) & is_new
-    covariance = jnp.where(own, place_variance[row], pairs.covariance)
-    return objects, dataclasses.replace(pairs, covariance=covariance), slot
-
-
-def absorb(
-    objects: Objects,
-    pairs: Pairs,
-    slot: Int[Array, "N"],
-    into: Int[Array, "N"],
-    absorbed: Bool[Array, "N"],
-) -> tuple[Objects, Pairs]:
-    """Hands all but the looks of objects that turned out to be known ones to those; frees slots.
-
-    Args:
-      objects: Objects.
-      pairs: Pairs.
-      slot: Object of each detection.
-      into: The known object that it is.
-      absorbed: Detections whose object is absorbed.
-    """
-    num_o = len(objects.id)
-    gone, row = rows_of(jnp.stack([slot, into]), absorbed, num_o)
-    gone, gains = gone != NO_ROW, row != NO_ROW
-    giver = slot[row]
-    more = jnp.where(gains, objects.ring_count[giver], 0)
-    ring_count = objects.ring_count + more
-    share = (more / jnp.maximum(ring_count, 1))[:, None]
-    ring = jnp.where(gains[:, None], objects.ring[giver], objects.ring)
-
-    def hand_over() -> Float[Array, "O O"]:
-        # The diagonal counts sights of one object and is no pair.
-        handed = gains[:, None] & ~jnp.eye(num_o, dtype=bool)
-        added = jnp.where(handed, pairs.covisible[giver], 0.0)
-        return pairs.covisible + added + added.T
-
-    covisible = branch(jnp.any(absorbed), hand_over, lambda: pairs.covisible)
-    objects = dataclasses.replace(
-        objects,
-        id=jnp.where(gone, NO_ID, objects.id),
-        class_id=jnp.where(gone, NO_ID, objects.class_id),
-        seen=objects.seen + jnp.where(gains, objects.seen[giver], 0),
-        bank_count=jnp.where(gone[:, None], 0, objects.bank_count),
-        ring=objects.ring + share * (ring - objects.ring),
-        ring_count=ring_count,
-    )
-    return objects, dataclasses.replace(pairs, covisible=covisible)
 
 
 def learn_relations(
@@ -214,18 +129,13 @@ class KeptLooks:
         """Those of objects that turned out to be known ones, before their slots are free."""
         counts = objects.bank_count[slot]
         num_n, num_k, dim = *counts.shape, objects.bank.shape[2]
-
-        def read() -> Float[Array, "R D"]:
-            return objects.bank[slot].reshape(-1, dim)
-
-        def nothing() -> Float[Array, "R D"]:
-            return jnp.zeros((num_n * num_k, dim), objects.bank.dtype)
-
-        return cls(
-            jnp.repeat(into, num_k),
-            branch(jnp.any(absorbed), read, nothing),
-            (absorbed[:, None] & (counts > 0)).reshape(-1),
+        look = branch(
+            jnp.any(absorbed),
+            lambda: objects.bank[slot].reshape(-1, dim),
+            lambda: jnp.zeros((num_n * num_k, dim), objects.bank.dtype),
         )
+        keeps = (absorbed[:, None] & (counts > 0)).reshape(-1)
+        return cls(jnp.repeat(into, num_k), look, keeps)
 
     @classmethod
     def in_view(
@@ -409,13 +319,12 @@ def learn_cosines(
     # A pair teaches as much as the less known of the two.
     shares = jnp.where(row != NO_ROW, share[row], 0.0)
     weight = weight * jnp.maximum(share[:, None], shares[None, :])
-    other = cosine
 
     def moments(weight: Array, value: Array) -> Float[Array, "3"]:
         return jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=(1, 2))
 
     is_other = jnp.arange(2)[:, None] == 0
-    new = jnp.where(is_other, moments(weight, other), moments(same_weight, same))
+    new = jnp.where(is_other, moments(weight, cosine), moments(same_weight, same))
     num, once, squares = new.T
     fade = COSINE_DECAY**num
     return dataclasses.replace(

@@ -1,15 +1,21 @@
-"""Which row of a frame has which object slot.
+"""Which row of a frame has which object slot, and how objects get slots and free them.
 
 A slot belongs to one row at most. So what rows teach their objects is read by the objects: each
 looks up its row, which is one operation for all of them, where writing is one per row.
 
-Letters: `M` rows (detections or tracklets), `O` object slots.
+Letters: `M` rows (detections `N` or tracklets `T`), `O` object slots.
 """
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int, Shaped
+from jaxtyping import Array, Bool, Float, Int, Shaped
+
+from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.control_flow import branch
+from remind_jax.plus.state import Objects, Pairs, Tracklets
 
 NO_ROW = -1
 
@@ -34,3 +40,87 @@ def look_up(
     num = len(table)
     flat = table.reshape(num * num, *table.shape[2:])
     return flat.at[first * num + second].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
+def create_objects(
+    objects: Objects,
+    pairs: Pairs,
+    tracklets: Tracklets,
+    born: Bool[Array, "T"],
+    place_variance: Float[Array, "T"],
+    speed: Float[Array, "T"],
+) -> tuple[Objects, Pairs, Int[Array, "T"]]:
+    """Gives new objects the lowest free slots, in the order of the tracklets.
+
+    Returns:
+      Objects, pairs, and the slot of each tracklet (its own before where nothing was created).
+    """
+    num_o = len(objects.id)
+    free = jnp.argsort(objects.exists, stable=True)
+    lowest = free[jnp.minimum(count_before(born), num_o - 1)].astype(jnp.int32)
+    slot = jnp.where(born, lowest, tracklets.slot)
+    row = rows_of(slot, born, num_o)
+    is_new = row != NO_ROW
+    objects = dataclasses.replace(
+        objects,
+        id=jnp.where(is_new, tracklets.id[row], objects.id),
+        class_id=jnp.where(is_new, tracklets.class_id[row], objects.class_id),
+        class_lead=jnp.where(is_new, tracklets.class_lead[row], objects.class_lead),
+        seen=jnp.where(is_new, 0, objects.seen),
+        visits=jnp.where(is_new, 1, objects.visits),
+        last=jnp.where(is_new, tracklets.last[row], objects.last),
+        position=jnp.where(is_new[:, None], tracklets.center[row], objects.position),
+        size=jnp.where(is_new, tracklets.size[row], objects.size),
+        speed=jnp.where(is_new, speed[row], objects.speed),
+        bank_count=jnp.where(is_new[:, None], 0, objects.bank_count),
+        ring=jnp.where(is_new[:, None], 0.0, objects.ring),
+        ring_count=jnp.where(is_new, 0, objects.ring_count),
+    )
+    # Nothing is known between a free slot and the others, so there is nothing to clear.
+    own = jnp.eye(num_o, dtype=bool) & is_new
+    covariance = jnp.where(own, place_variance[row], pairs.covariance)
+    return objects, dataclasses.replace(pairs, covariance=covariance), slot
+
+
+def absorb(
+    objects: Objects,
+    pairs: Pairs,
+    slot: Int[Array, "N"],
+    into: Int[Array, "N"],
+    absorbed: Bool[Array, "N"],
+) -> tuple[Objects, Pairs]:
+    """Hands all but the looks of objects that turned out to be known ones to those; frees slots.
+
+    Args:
+      objects: Objects.
+      pairs: Pairs.
+      slot: Object of each detection.
+      into: The known object that it is.
+      absorbed: Detections whose object is absorbed.
+    """
+    num_o = len(objects.id)
+    gone, row = rows_of(jnp.stack([slot, into]), absorbed, num_o)
+    gone, gains = gone != NO_ROW, row != NO_ROW
+    giver = slot[row]
+    more = jnp.where(gains, objects.ring_count[giver], 0)
+    ring_count = objects.ring_count + more
+    share = (more / jnp.maximum(ring_count, 1))[:, None]
+    ring = jnp.where(gains[:, None], objects.ring[giver], objects.ring)
+
+    def hand_over() -> Float[Array, "O O"]:
+        # The diagonal counts sights of one object and is no pair.
+        handed = gains[:, None] & ~jnp.eye(num_o, dtype=bool)
+        added = jnp.where(handed, pairs.covisible[giver], 0.0)
+        return pairs.covisible + added + added.T
+
+    covisible = branch(jnp.any(absorbed), hand_over, lambda: pairs.covisible)
+    objects = dataclasses.replace(
+        objects,
+        id=jnp.where(gone, NO_ID, objects.id),
+        class_id=jnp.where(gone, NO_ID, objects.class_id),
+        seen=objects.seen + jnp.where(gains, objects.seen[giver], 0),
+        bank_count=jnp.where(gone[:, None], 0, objects.bank_count),
+        ring=objects.ring + share * (ring - objects.ring),
+        ring_count=ring_count,
+    )
+    return objects, dataclasses.replace(pairs, covisible=covisible)

@@ -33,8 +33,6 @@ from remind_jax.plus.evidence import (
 from remind_jax.plus.layout import Weighed, nothing_weighed, weigh_jointly
 from remind_jax.plus.learning import (
     KeptLooks,
-    absorb,
-    create_objects,
     keep_looks,
     learn_cosines,
     learn_objects,
@@ -60,7 +58,7 @@ from remind_jax.plus.scene_map import (
     move_map,
     shift_of,
 )
-from remind_jax.plus.slots import NO_ROW, rows_of
+from remind_jax.plus.slots import NO_ROW, absorb, create_objects, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Verdicts, no_verdicts

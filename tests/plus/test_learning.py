@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus import learning
+from remind_jax.plus import learning, slots
 from remind_jax.plus.learning import KeptLooks
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import UNRELATED
 from tests.plus.frames import STATIC, TICK, T, detections, empty_state, objects_of, tracklets_of
 
 X, Y = np.eye(3, dtype=np.float32)[:2]
-absorb, create_objects = jax.jit(learning.absorb), jax.jit(learning.create_objects)
+absorb, create_objects = jax.jit(slots.absorb), jax.jit(slots.create_objects)
 keep_looks, learn_relations = jax.jit(learning.keep_looks), jax.jit(learning.learn_relations)
 SURE = jnp.array([True, True, False])
 EVERYONE = jnp.array([0, 1, 2, NO_ROW])  # detection of each object
