@@ -29,7 +29,7 @@ from benchmarks.visits import FIRST_SEED, options_of, split_visits
 from remind_jax.metrics.visit_evaluation import evaluate_run_visits
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.outputs.writer import MEMORY_NAME
-from remind_jax.session.joined_memory import JoinedObjects, join_memories
+from remind_jax.session.changed_memory import JoinedObjects, join_memories
 from remind_jax.session.memory_file import load_memory
 from remind_jax.synthetic import SceneOptions, render_sequence
 from remind_jax.tracks import Tracks

@@ -155,7 +155,7 @@ def _apply(
     if kind == "split":
         apart = records.split(first)
         return memory, f"{', '.join(map(str, apart))} split off object {first}"
-    from remind_jax.session.memory_file import forget_object
+    from remind_jax.session.changed_memory import forget_object
 
     for object_id in dict.fromkeys(ids):
         memory = forget_object(memory, object_id)
@@ -164,7 +164,7 @@ def _apply(
 
 def _join(memory: SavedMemory, path: Path) -> tuple[SavedMemory, list[str]]:
     """The memory with the objects of another one, and lines about who is who."""
-    from remind_jax.session.joined_memory import join_memories
+    from remind_jax.session.changed_memory import join_memories
     from remind_jax.session.memory_file import load_memory
 
     memory, joined = join_memories(memory, load_memory(path), path)

@@ -17,6 +17,34 @@ WITH_OTHER_DECISIONS = "7"  # whose decisions of the last frame are read as none
 Columns = Mapping[str, tuple[int, tuple[str, ...]]]  # as `method.Host.columns`
 
 
+def as_now(
+    tensors: Mapping[str, np.ndarray],
+    schema: str,
+    method: Method,
+    static: Static,
+    leaves: Mapping[str, Any],
+) -> dict[str, np.ndarray]:
+    """The tensors of a file by the names of the leaves of a memory.
+
+    Leaves that there were not yet are as in an empty memory.
+
+    Args:
+      leaves: Shapes and types of all leaves.
+    """
+    found = dict(tensors)
+    if schema in EARLIER_VERSIONS:
+        found = split_columns(found, method.host.columns, leaves)
+    if schema == WITH_OTHER_DECISIONS:
+        # Nothing goes on from the decisions of the last frame.
+        found = {name: one for name, one in found.items() if not name.startswith("decisions.")}
+        blank = named_leaves(no_decisions(static))
+        found |= {f"decisions.{name}": np.asarray(leaf) for name, leaf in blank}
+    if missing := [name for name in method.host.new_leaves if name not in found]:
+        empty = dict(named_leaves(method.make_empty(static)))
+        found |= {name: empty[name] for name in missing}
+    return found
+
+
 def split_columns(
     tensors: Mapping[str, np.ndarray], columns: Columns, leaves: Mapping[str, Any]
 ) -> dict[str, np.ndarray]:
@@ -43,21 +71,3 @@ def split_columns(
                 found[part] = np.array(column, leaf.dtype, order="C")
             at += width
     return found
-
-
-def without_decisions(tensors: Mapping[str, np.ndarray], static: Static) -> dict[str, np.ndarray]:
-    """The tensors with none of the decisions of the last frame, which nothing goes on from."""
-    blank = named_leaves(no_decisions(static))
-    kept = {name: one for name, one in tensors.items() if not name.startswith("decisions.")}
-    return kept | {f"decisions.{name}": np.asarray(leaf) for name, leaf in blank}
-
-
-def with_new_leaves(
-    tensors: Mapping[str, np.ndarray], method: Method, static: Static
-) -> dict[str, np.ndarray]:
-    """The tensors with leaves that there were not yet, as in an empty memory."""
-    missing = [name for name in method.host.new_leaves if name not in tensors]
-    if not missing:
-        return dict(tensors)
-    leaves = dict(named_leaves(method.make_empty(static)))
-    return {name: leaves[name] for name in missing} | dict(tensors)

@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from remind_jax.backbone.registry import Backbone, get_backbone
@@ -31,16 +30,16 @@ from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.answers import note_omissions, read_tracks
+from remind_jax.session.changed_memory import JoinedObjects, forget_object, join_memories
 from remind_jax.session.frame_features import FrameFeatures
 from remind_jax.session.growing_memory import GrowingMemory, most_detections
 from remind_jax.session.identities import Identities
-from remind_jax.session.joined_memory import JoinedObjects, join_memories
 from remind_jax.session.memory_file import (
     MemoryFile,
     SavedMemory,
     check_backbone,
+    check_precision,
     check_tracker,
-    forget_object,
     load_memory,
     save_memory,
     static_of,
@@ -112,11 +111,7 @@ class Tracker(Printable):
             )
         self.backbone = get_backbone(backbone, **backbone_options)
         static = self.config.static
-        if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
-            raise ConfigError(
-                "static.precision is 'float64', which needs 64-bit JAX; set the environment "
-                "variable JAX_ENABLE_X64=1"
-            )
+        check_precision(static, "the configuration has", ConfigError)
         self.features = FrameFeatures(self.method, self.backbone, self.config.input.closeups)
         self.features.check(static)
         self.traces = trace  # whether it keeps what decisions were made of

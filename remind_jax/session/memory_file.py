@@ -26,13 +26,7 @@ from remind_jax.method import PAPER_METHOD, AtRest, Method, get_method, named_le
 from remind_jax.numerics.array_faults import not_finite
 from remind_jax.session import filed_records
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
-from remind_jax.session.earlier_memory import (
-    EARLIER_VERSIONS,
-    WITH_OTHER_DECISIONS,
-    split_columns,
-    with_new_leaves,
-    without_decisions,
-)
+from remind_jax.session.earlier_memory import as_now
 from remind_jax.session.filed_records import FiledRecords
 from remind_jax.session.memory_faults import find_fault
 from remind_jax.session.memory_parts import (
@@ -196,14 +190,10 @@ def load_memory(path: str | Path) -> SavedMemory:
     static, names, announced, _ = _read_description(metadata, path)
     method = get_method(metadata["tracker"])
     expected = _shape(method.name, static)
-    if metadata["schema"] in EARLIER_VERSIONS:
-        tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
-    if metadata["schema"] == WITH_OTHER_DECISIONS:
-        tensors = without_decisions(tensors, static)
-    tensors = with_new_leaves(tensors, method, static)
-    _check_tensors(tensors, expected, path)
-    leaves = [tensors[name] for name, _ in named_leaves(expected)]
-    state = jax.tree.unflatten(jax.tree.structure(expected), leaves)
+    leaves = dict(named_leaves(expected))
+    tensors = as_now(tensors, metadata["schema"], method, static, leaves)
+    _check_tensors(tensors, leaves, path)
+    state = jax.tree.unflatten(jax.tree.structure(expected), [tensors[name] for name in leaves])
     fault = find_fault(state, method, names, announced, static.first_object_id)
     if fault is not None:
         raise OutputError(f"'{path}' is damaged: {fault}; {RESTORE}")
@@ -258,6 +248,19 @@ def _read_at_rest(
             f"'{path}' is damaged: its objects at rest: {first_line(error)}; {RESTORE}"
         ) from error
     return at_rest
+
+
+def check_precision(static: Static, said: str, refused: type[RemindError]) -> None:
+    """Refuses numbers of 64 bits where JAX computes in 32.
+
+    Args:
+      said: Who wants them, with a verb.
+    """
+    if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
+        raise refused(
+            f"{said} static.precision 'float64', which needs 64-bit JAX; set the environment "
+            "variable JAX_ENABLE_X64=1"
+        )
 
 
 def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
@@ -332,9 +335,10 @@ def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None
         )
 
 
-def _check_tensors(tensors: Mapping[str, np.ndarray], expected: Any, path: Path) -> None:
+def _check_tensors(
+    tensors: Mapping[str, np.ndarray], leaves: Mapping[str, Any], path: Path
+) -> None:
     """Compares arrays of a file with the memory that its settings make."""
-    leaves = dict(named_leaves(expected))
     for name, leaf in leaves.items():
         own = tensors.get(name)
         if own is None or own.shape != leaf.shape or own.dtype != leaf.dtype:
@@ -394,29 +398,5 @@ def _read_description(
     announced = None
     if "announced" in metadata:
         announced = read("announced", FiledAnnouncements).restored()
-    if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
-        raise OutputError(
-            f"{path} was made with static.precision 'float64', which needs 64-bit JAX; set the "
-            "environment variable JAX_ENABLE_X64=1"
-        )
+    check_precision(static, f"{path} was made with", OutputError)
     return static, names, announced, read("records", FiledRecords)
-
-
-def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
-    """The memory without an object and all that was merged into it; its records lose it as well.
-
-    Args:
-      object_id: As announced.
-
-    Raises:
-      SourceError: If there is no such object.
-      ConfigError: If the tracker cannot forget single objects.
-    """
-    records, announced = memory.records, memory.announced or Announcements()
-    members = records.members(records.check_known(object_id))
-    ids = [one for member in members for one in announced.memory_ids(member)]
-    forgotten = get_method(memory.tracker).forget(memory.state, ids, memory.static)
-    if memory.at_rest is not None:
-        memory.at_rest.forget(ids)
-    records.drop(object_id)
-    return dataclasses.replace(memory, state=jax.tree.map(jax.numpy.asarray, forgotten))

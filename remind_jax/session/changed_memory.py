@@ -1,4 +1,7 @@
-"""Two memories become one: objects of another one come along, and those that are known are one."""
+"""A memory is changed as a whole: the objects of another one come along, or an object goes.
+
+Of those that come along, the ones that are known are merged.
+"""
 
 from __future__ import annotations
 
@@ -90,3 +93,23 @@ def join_memories(
         announced=None if announced.is_identity else announced,
     )
     return changed, JoinedObjects(number_of, matched, ambiguous)
+
+
+def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
+    """The memory without an object and all that was merged into it; its records lose it as well.
+
+    Args:
+      object_id: As announced.
+
+    Raises:
+      SourceError: If there is no such object.
+      ConfigError: If the tracker cannot forget single objects.
+    """
+    records, announced = memory.records, memory.announced or Announcements()
+    members = records.members(records.check_known(object_id))
+    ids = [one for member in members for one in announced.memory_ids(member)]
+    forgotten = get_method(memory.tracker).forget(memory.state, ids, memory.static)
+    if memory.at_rest is not None:
+        memory.at_rest.forget(ids)
+    records.drop(object_id)
+    return dataclasses.replace(memory, state=jax.tree.map(jax.numpy.asarray, forgotten))
