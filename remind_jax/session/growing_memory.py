@@ -150,7 +150,7 @@ class GrowingMemory:
             self.static = static
             needed["num_objects"] = OBJECTS_PER_DETECTION * num
         before = self.static
-        self._grow(**needed)
+        self.grow(**needed)
         if self.state is None:
             self.state = self._method.init(self.static)
         make_input = functools.partial(self._input, frame_feats, prepared, thresholds)
@@ -180,7 +180,7 @@ class GrowingMemory:
 
     def forget_excess(self, frame_index: int) -> list[Event]:
         """Lets objects out of view go where more are known than are to be remembered."""
-        if self.at_rest is None or self.state is None or not self._max_objects:
+        if not self._max_objects or self.at_rest is None:
             return []
         present, resting = self._count()
         excess = present + resting - self._max_objects
@@ -193,10 +193,6 @@ class GrowingMemory:
         gone = plural(len(self.at_rest.forget_least_known(excess)), "object")
         what = f"{gone} forgotten, as more than {self._max_objects} were known"
         return [Event(frame_index, "forgotten", what)]
-
-    def reserve(self, num_detections: int) -> None:
-        """Makes room for so many detections in a frame."""
-        self._grow(num_detections=num_detections)
 
     def use(self) -> MemoryUse:
         """How many objects there are, where they lie, and what that takes."""
@@ -223,9 +219,9 @@ class GrowingMemory:
             if rested is not None:
                 self.state = rested
                 return
-        self._grow(num_objects=num_objects, num_pending=num_pending)
+        self.grow(num_objects=num_objects, num_pending=num_pending)
 
-    def _grow(self, **needed: int) -> None:
+    def grow(self, **needed: int) -> None:
         """Moves the memory into larger capacities; their program is often ready by then."""
         larger = self._grown(self.static.grow(**needed))
         if larger == self.static:

@@ -193,7 +193,6 @@ class Tracker(Printable):
           SourceError: If there is no such object.
         """
         with self._alone("advance"):
-            self.identities.records.check_known(object_id)
             self._memory.state = forget_object(self._saved(), object_id).state
 
     @property
@@ -253,7 +252,7 @@ class Tracker(Printable):
         frame_size = check_size(frame_size)
         check_option("num_objects", num_objects, 0, MOST_OBJECTS)
         check_option("num_detections", num_detections, 0, MOST_DETECTIONS)
-        self._memory.reserve(num_detections)
+        self._memory.grow(num_detections=num_detections)
         image = np.zeros((*frame_size, 3), np.uint8)
         nothing = Detections.empty(*frame_size)
         # With a preparer of its own: the next frame does not follow this one.

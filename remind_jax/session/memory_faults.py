@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,11 +14,7 @@ from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements
 
-_CODES: dict[str, type[enum.IntEnum]] = {
-    "outcome": Outcome,
-    "reason": Reason,
-    "status": Status,
-}
+_CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
 
 
 def find_fault(
@@ -30,14 +25,16 @@ def find_fault(
     first_id: int,
 ) -> str | None:
     """What is wrong first, as a phrase; None if nothing is."""
-    faults = _find_faults(state, class_names, first_id)
-    fault = next(faults, None) or next(_of_announcements(announced, int(state.next_id)), None)
-    if fault is None and method.host.find_faults is not None:
-        fault = next(iter(method.host.find_faults(state)), None)
-    return fault
+    return next(_find_faults(state, method, class_names, announced, first_id), None)
 
 
-def _find_faults(state: Any, class_names: tuple[str, ...], first_id: int) -> Iterator[str]:
+def _find_faults(
+    state: Any,
+    method: Method,
+    class_names: tuple[str, ...],
+    announced: Announcements | None,
+    first_id: int,
+) -> Iterator[str]:
     for name, leaf in named_leaves(state):
         yield from not_finite(name, leaf)
     yield from outside("frame", state.frame, 0)
@@ -56,6 +53,9 @@ def _find_faults(state: Any, class_names: tuple[str, ...], first_id: int) -> Ite
     yield from _of_decisions(state.decisions, int(state.next_id))
     yield from outside("overflow.objects", state.overflow.objects, 0)
     yield from outside("overflow.pending", state.overflow.pending, 0)
+    yield from _of_announcements(announced, int(state.next_id))
+    if method.host.find_faults is not None:
+        yield from method.host.find_faults(state)
 
 
 def _of_decisions(decisions: Decisions, next_id: int) -> Iterator[str]:

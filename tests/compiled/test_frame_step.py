@@ -96,7 +96,7 @@ def test_more_objects_compile_the_decision_only(compiled):
     tracker = make("bank")
     image, labels = scenes.picture(0, (1, 2))
     tracker.update(image, labels)
-    tracker._memory._grow(num_objects=7)
+    tracker._memory.grow(num_objects=7)
     tracker.update(image, labels)
     first, second = tracker._memory.frame_step._prepared.values()
     assert first.describe is second.describe
