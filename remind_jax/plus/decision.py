@@ -140,9 +140,7 @@ def learn_newness(
     visits = objects.visits[jnp.maximum(choice.slot, 0)]
     names = jnp.where(shortlist.valid, jnp.exp(shortlist.evidence.class_name), 0.0)
     had_choice = jnp.minimum(jnp.sum(names, axis=1), 1.0)
-    weight = jnp.where(
-        choice.recognized, 1.0 / jnp.maximum(visits, 1), choice.born * had_choice
-    )
+    weight = jnp.where(choice.recognized, 1.0 / jnp.maximum(visits, 1), choice.born * had_choice)
     rows = jnp.arange(len(scene.newness))[:, None]
     counts = ((rows == 0) | (rows == class_row(class_id))) * NEWNESS_RATE * weight
     left = jnp.prod(1.0 - counts, axis=1)
