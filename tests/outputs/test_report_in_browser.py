@@ -343,7 +343,7 @@ def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
     assert find(browser, "#why-title").text == "Why mug 0? (frame 3, detection 0)"
     assert shown_reasons(browser) == list(result.explain(3, 0).why)
     rows = find(browser, "#why table").text.splitlines()
-    kinds = "Looks Background Place Class name Mobile Rivals Held Layout Companions Moved"
+    kinds = "Looks Lead Background Place Class name Mobile Rivals Held Layout Companions Moved"
     assert rows[0] == f"Candidate {kinds} Sum Probability"
     assert rows[1] == "mug 0 +1.50 – – – – – – +0.75 – – +2.25 0.75"
     assert rows[2] == "mug 1 +1.25 – -2.00 – – – – – – – -0.75 0.13"
