@@ -345,9 +345,9 @@ def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
     rows = find(browser, "#why table").text.splitlines()
     kinds = "Looks Lead Background Place Class name Mobile Rivals Held Layout Companions Moved"
     assert rows[0] == f"Candidate {kinds} Sum Probability"
-    assert rows[1] == "mug 0 +1.50 – – – – – – +0.75 – – +2.25 0.75"
-    assert rows[2] == "mug 1 +1.25 – -2.00 – – – – – – – -0.75 0.13"
-    assert rows[3] == "mug 5, new – – – – – – – – – – +0.50 0.13"
+    assert rows[1] == "mug 0 +1.50 – – – – – – – +0.75 – – +2.25 0.75"
+    assert rows[2] == "mug 1 +1.25 – – -2.00 – – – – – – – -0.75 0.13"
+    assert rows[3] == "mug 5, new – – – – – – – – – – – +0.50 0.13"
     assert [cell.text for cell in browser.find_elements("css selector", "#why mark")] == [
         "+1.50",
         "+1.25",
