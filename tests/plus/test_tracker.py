@@ -160,14 +160,14 @@ def test_a_thing_whose_tracklet_went_with_half_of_it_keeps_its_identity():
 
 
 def returning_in_disguise(thing: int) -> tuple[Walk, np.ndarray, PlusThresholds]:
-    """A thing that looks strange for twelve frames of its return; only looks count."""
+    """A thing that looks strange when it is back, for longer than any decision waits; only looks count."""
     walk = pan()
     seen = np.flatnonzero(np.any(walk.thing == thing, axis=1))
     back = seen[np.argmax(np.diff(seen)) + 1 :]
     blind = changed(PlusThresholds(), "place", weight=0.0)
     blind = changed(blind, "layout", weight=0.0, covisible_weight=0.0)
     blind = changed(blind, "looks", whitening=False)
-    return disguise(walk, thing, back[:12]), back, blind
+    return disguise(walk, thing, back[:18]), back, blind
 
 
 def test_what_was_taken_for_new_may_turn_out_to_be_known():
@@ -178,7 +178,7 @@ def test_what_was_taken_for_new_may_turn_out_to_be_known():
         return told.answer_id[walk.thing == 2], told.merged_id[walk.thing == 2]
 
     (late, merged), (never, none) = answers(late_margin=0.0), answers(late_frames=0)
-    first, taken_for = late[0], late[-len(back) + 11]
+    first, taken_for = late[0], late[-len(back) + 17]
     assert taken_for not in (first, NO_ID)
     assert late[-1] == first
     assert taken_for in merged
