@@ -160,7 +160,7 @@ def test_a_thing_whose_tracklet_went_with_half_of_it_keeps_its_identity():
 
 
 def returning_in_disguise(thing: int) -> tuple[Walk, np.ndarray, PlusThresholds]:
-    """A thing that looks strange when it is back, for longer than any decision waits; only looks count."""
+    """A thing is back and looks strange for longer than a decision waits; only looks count."""
     walk = pan()
     seen = np.flatnonzero(np.any(walk.thing == thing, axis=1))
     back = seen[np.argmax(np.diff(seen)) + 1 :]
