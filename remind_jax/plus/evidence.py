@@ -41,7 +41,7 @@ COSINE_DECAY = 0.999  # what a unit of weight leaves of the past
 SURE_PATCHES = 2.0  # sides of a mask in patches from which on looks count in full
 LEAST_LOOK_WEIGHT = 0.25  # of looks of smaller masks
 # How a lead in looks tells, in log odds of looks.
-CHANCE_LEAD = 2.5  # lead of one of those that it is not that may be chance
+CHANCE_LEAD = 2.5  # a wrong object may lead by this much by chance
 LEAD_BEST = 2.0  # most evidence of a lead
 LEAD_LOOKS = -1.0  # looks with which nothing leads; one more, and a lead counts in full
 LEAD_RIVALS = 2  # known objects of the class that it must lead at least

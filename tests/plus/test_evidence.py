@@ -69,17 +69,17 @@ def test_small_masks_say_less_by_their_looks():
     assert 0 < small.evidence.looks[0, 0] < large.evidence.looks[0, 0]
 
 
-def lead_of(looks: list[float], waited: bool = True, class_id=0, num: int = 3) -> np.ndarray:
+def lead_of(looks: list[float], waited: bool = True, class_id: int = 0) -> np.ndarray:
     """Evidence of a lead of each object, whose cosines to the detection are given."""
     state = empty_state()
-    objects = objects_of(LOOKS[:num], class_id=jnp.array([0, 0, class_id, 0]))
+    objects = objects_of(LOOKS, class_id=jnp.array([0, 0, class_id, 0]))
     seen = detections([[1, 1]] * 3)
     here = tracklets_of(seen, 0, 3, duration=np.full(3, 8.0 if waited else 7.0))
     cosine = jnp.broadcast_to(jnp.array([*looks, -1.0]), (3, 4))
     names = name_odds(here.class_id, objects.class_id, confusion_odds(state.scene, T.names))
-    admitted = objects.exists & jnp.array([True] * 4)
+    admitted = jnp.broadcast_to(objects.exists, (3, 4))
     found = shortlist(
-        here, seen, jnp.broadcast_to(admitted, (3, 4)), NOBODY, cosine, names, objects,
+        here, seen, admitted, NOBODY, cosine, names, objects,
         state.pairs, state.scene, T,
     )  # fmt: skip
     lead = np.zeros(4)
