@@ -37,7 +37,9 @@ OPTIONS: dict[str, dict[Kind, dict[str, Any]]] = {
         },
         "features": _LEVEL,
         "network": _NO_LIBRARIES,
-    }
+    },
+    # Products of a step are few and small: to time kernels for each takes most of the compilation.
+    "gpu": {"step": {"xla_gpu_autotune_level": 0}},
 }
 
 _log = logging.getLogger(__name__)

@@ -83,13 +83,14 @@ def count_up(
 
 
 def in_turn(needed: Bool[Array, ""], function: Callable[..., T], *given: Any) -> T:
-    """`function(*given)`; each member of a batch that needs it by itself, others get zeros.
+    """`function(*given)`; on a CPU each member of a batch that needs it by itself.
 
-    For what has loops of its own: a batch goes one after the other through the members that need
-    it, and each takes its own turns, as many as they are.
+    For what has loops of its own: on a CPU a batch goes one after the other through the members
+    that need it, and each takes its own turns, as many as they are. Elsewhere, where a loop costs
+    by its turns, all take them together.
 
     Args:
-      needed: Whether anybody reads the result.
+      needed: Whether anybody reads the result; that of a member where nobody does is anything.
       function: Takes all that it needs as arguments.
       *given: These arguments, trees of arrays.
     """
@@ -103,6 +104,11 @@ def in_turn(needed: Bool[Array, ""], function: Callable[..., T], *given: Any) ->
     def run_in_batch(
         size: int, is_batched: Sequence[Any], needed: Array, *given: Any
     ) -> tuple[T, Any]:
+        if jax.default_backend() != "cpu":
+            axes = jax.tree.map(lambda own: 0 if own else None, tuple(is_batched[1:]))
+            results = jax.vmap(function, axes)(*given)
+            return results, jax.tree.map(lambda _: True, results)
+
         def pick(member: Array | int, leaf: Array, own: bool) -> Array:
             return lax.dynamic_index_in_dim(leaf, member, keepdims=False) if own else leaf
 

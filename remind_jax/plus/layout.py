@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.control_flow import in_turn
+from remind_jax.numerics.control_flow import batch_max, in_turn
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Evidence, OwnEvidence, Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
@@ -144,7 +144,9 @@ def _weigh(
     first = jnp.arange(width) == 0
     # Only open rows ask, often few of many; they stand one after the other.
     is_open = jnp.any(rows.valid, axis=1)
-    place, num_open = count_before(is_open), jnp.sum(is_open)
+    # In a batch all members take the turns of the longest; what these add to others nobody reads.
+    place, num_open = count_before(is_open), batch_max(jnp.sum(is_open))
+    rounds = batch_max(t.rounds)
     open_row = rows_of(place, is_open, num)
     num_asked, room = min(num, NUM_WITNESSES), -(-num // _AT_ONCE) * _AT_ONCE
     asked = jnp.zeros((room, num_asked), jnp.int32)
@@ -203,7 +205,7 @@ def _weigh(
     nothing = jnp.zeros_like(rows.base)
     # What is believed in the end is one more turn, in which nobody is asked again.
     start = _Around(nothing, nothing, nothing), nothing
-    return lax.fori_loop(0, t.rounds + 1, reconsider, start)
+    return lax.fori_loop(0, rounds + 1, reconsider, start)
 
 
 class _Around(NamedTuple):

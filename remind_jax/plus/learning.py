@@ -9,19 +9,16 @@ units.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.control_flow import batch_max, branch
 from remind_jax.numerics.pooling import dot
-from remind_jax.numerics.slices import give_axis
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.decision import Choice
@@ -189,69 +186,48 @@ def learn_objects(
 class _Banks(NamedTuple):
     """What objects keep of looks, one row an object."""
 
-    look: Float[Array, "*M O K D"]
-    counts: Int[Array, "*M O K"]
-    white: Float[Array, "*M O K E"]
+    look: Float[Array, "O K D"]
+    counts: Int[Array, "O K"]
+    white: Float[Array, "O K E"]
 
 
 def keep_looks(
     objects: Objects, scene: Scene, groups: Sequence[KeptLooks], t: th.Memory
 ) -> Objects:
     """Adds looks to the banks of their objects, group after group."""
+    slot = jnp.concatenate([group.slot for group in groups])
+    keeps = jnp.concatenate([group.keeps for group in groups])
+    index = jnp.arange(len(slot), dtype=jnp.int32)
 
-    def keep_alone(*given: Any) -> _Banks:
-        alone = jax.tree.map(lambda leaf: leaf[None], given)
-        return jax.tree.map(lambda leaf: leaf[0], _keep_in_turn(*alone))
+    def read(k: Array) -> Float[Array, "D"]:
+        look, start = groups[0].look[k], len(groups[0].slot)
+        for group in groups[1:]:
+            look = jnp.where(k >= start, group.look[k - start], look)
+            start += len(group.slot)
+        return look
 
-    keep = custom_vmap(keep_alone)
-
-    @keep.def_vmap
-    def keep_in_batch(size: int, is_batched: Sequence[Any], *given: Any) -> tuple[_Banks, Any]:
-        given = jax.tree.map(functools.partial(give_axis, size=size), given, tuple(is_batched))
-        # A loop that is mapped chooses between whole banks at every turn, slow on a CPU.
-        is_in_turn = jax.default_backend() == "cpu"
-        banks = _keep_in_turn(*given) if is_in_turn else jax.vmap(keep_alone)(*given)
-        return banks, jax.tree.map(lambda _: True, banks)
+    def keep(_: Array, before: tuple[Array, _Banks]) -> tuple[Array, _Banks]:
+        at, banks = before
+        left = keeps & (index > at)
+        at = jnp.min(jnp.where(left, index, len(slot) - 1))
+        return at, _keep_look(banks, scene, slot[at], read(at), jnp.any(left), t)
 
     banks = _Banks(objects.bank, objects.bank_count, objects.white_bank)
-    banks = keep(banks, tuple(groups), scene, t)
+    # In a batch all members take the turns of the longest; those that are done keep nothing more.
+    turns = batch_max(jnp.sum(keeps))
+    banks = lax.fori_loop(0, turns, keep, (jnp.int32(-1), banks))[1]
     return dataclasses.replace(
         objects, bank=banks.look, bank_count=banks.counts, white_bank=banks.white
     )
 
 
-def _keep_in_turn(
-    banks: _Banks, groups: Sequence[KeptLooks], scenes: Scene, t: th.Memory
-) -> _Banks:
-    """Adds looks to the banks of the members of a batch, which all have a leading axis `M`."""
-    slot = jnp.concatenate([group.slot for group in groups], axis=1)
-    keeps = jnp.concatenate([group.keeps for group in groups], axis=1)
-    num_members, num = slot.shape
-    num_objects = banks.counts.shape[1]
-    index = jnp.arange(slot.size, dtype=jnp.int32)
-
-    def read(member: Array, k: Array) -> Float[Array, "D"]:
-        look, start = groups[0].look[member, k], groups[0].slot.shape[1]
-        for group in groups[1:]:
-            look = jnp.where(k >= start, group.look[member, k - start], look)
-            start += group.slot.shape[1]
-        return look
-
-    def keep(_: Array, before: tuple[Array, _Banks]) -> tuple[Array, _Banks]:
-        at, rows = before
-        at = jnp.min(jnp.where(keeps.reshape(-1) & (index > at), index, slot.size - 1))
-        member, k = at // num, at % num
-        scene, memory = jax.tree.map(lambda leaf: leaf[member], (scenes, t))
-        row = member * num_objects + slot[member, k]
-        return at, _keep_look(rows, scene, row, read(member, k), memory)
-
-    rows = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), banks)
-    rows = lax.fori_loop(0, jnp.sum(keeps), keep, (jnp.int32(-1), rows))[1]
-    return jax.tree.map(lambda leaf: leaf.reshape(num_members, -1, *leaf.shape[1:]), rows)
-
-
 def _keep_look(
-    banks: _Banks, scene: Scene, row: Int[Array, ""], look: Float[Array, "D"], t: th.Memory
+    banks: _Banks,
+    scene: Scene,
+    row: Int[Array, ""],
+    look: Float[Array, "D"],
+    keeps: Bool[Array, ""],
+    t: th.Memory,
 ) -> _Banks:
     """Adds a look to the bank of an object, into the nearest kept one where it is close."""
     count = banks.counts[row]
@@ -267,7 +243,8 @@ def _keep_look(
     def put(values: Array, value: Array) -> Array:
         start = (row, at, *(jnp.int32(0),) * (values.ndim - 2))
         # Where JAX computes in 64 bits, so does a sum of counts.
-        return lax.dynamic_update_slice(values, value.astype(values.dtype)[None, None], start)
+        value = jnp.where(keeps, value.astype(values.dtype), values[row, at])
+        return lax.dynamic_update_slice(values, value[None, None], start)
 
     return _Banks(*map(put, banks, (new, num + 1, whiten(scene, new))))
 

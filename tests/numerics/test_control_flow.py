@@ -132,3 +132,10 @@ def test_members_in_turn_equal_single_ones(needed):
     got = jax.vmap(_root_in_turn, (0, 0, None))(np.array(needed), x, np.float32(2))["value"]
     assert _root_in_turn(np.True_, x[2], np.float32(2))["value"] == 1.5625
     np.testing.assert_array_equal(got, np.where(needed, [1, 1.5, 1.5625, 1.75, 1.125], 0))
+
+
+def test_on_other_devices_members_take_their_turns_together(monkeypatch):
+    x, needed = np.array([1, 3, 50], np.float32), np.array([True, False, True])
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    got = jax.vmap(_root_in_turn, (0, 0, None))(needed, x, np.float32(2))["value"]
+    np.testing.assert_array_equal(got[needed], [1, 1.5625])
