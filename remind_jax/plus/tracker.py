@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Outcome, Overflow, Reason
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.control_flow import batch_max, branch
 from remind_jax.plus import clock
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
@@ -89,12 +89,13 @@ def advance(
 
     Returns:
       Memory after the frame, and what its decisions are made of. If the frame may need more object
-      slots than there are, only `overflow` is changed.
+      slots than there are, only `overflow` is changed; a batch shares its capacities, so what one
+      of its members lacks, all of them do.
     """
     t = thresholds.as_arrays()
     sightings, motion = jax.tree.map(_single, (sightings, motion))
     counted = state.objects.exists, sightings.valid, state.tracklets.is_open
-    needed = jnp.sum(jnp.concatenate(counted), dtype=jnp.int32)
+    needed = batch_max(jnp.sum(jnp.concatenate(counted), dtype=jnp.int32))
     fits = needed <= static.num_objects
     lacking = Overflow(objects=needed, pending=jnp.int32(0))
     nothing = dataclasses.replace(state, overflow=lacking), no_verdicts(static.num_detections)
