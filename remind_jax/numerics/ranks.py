@@ -31,6 +31,13 @@ def rank_rising(keys: Sequence[Shaped[Array, "... K"]]) -> Int[Array, "... K"]:
     return jnp.sum(before, axis=-1, dtype=jnp.int32)
 
 
+def order_rising(keys: Sequence[Shaped[Array, "... K"]]) -> Int[Array, "... K"]:
+    """Positions of the entries by rising keys, as `rank_rising` ranks them."""
+    rank, position = rank_rising(keys), np.arange(keys[0].shape[-1], dtype=np.int32)
+    is_at = rank[..., None, :] == position[:, None]
+    return jnp.sum(jnp.where(is_at, position, 0), axis=-1)
+
+
 def largest(
     values: Shaped[Array, "..."], axis: int = -1
 ) -> tuple[Shaped[Array, "..."], Int[Array, "..."]]:

@@ -2,7 +2,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.numerics.ranks import count_before, first_largest, largest, rank_rising
+from remind_jax.numerics.ranks import (
+    count_before,
+    first_largest,
+    largest,
+    order_rising,
+    rank_rising,
+)
 
 
 def test_marked_entries_before_each():
@@ -14,9 +20,10 @@ def test_places_are_those_of_a_stable_sort_by_several_keys():
     rng = np.random.default_rng(3)
     first, second = rng.integers(0, 3, (2, 5, 12))
     place = np.broadcast_to(np.arange(12), first.shape)
-    expected = np.argsort(np.lexsort((place, second, first)))
-    found = rank_rising([jnp.array(first), jnp.array(-1.0 * -second)])
-    np.testing.assert_array_equal(found, expected)
+    order = np.lexsort((place, second, first))
+    keys = [jnp.array(first), jnp.array(-1.0 * -second)]
+    np.testing.assert_array_equal(rank_rising(keys), np.argsort(order))
+    np.testing.assert_array_equal(order_rising(keys), order)
 
 
 @pytest.mark.parametrize("axis", [0, 1, -1])

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.ranks import count_before
+from remind_jax.numerics.ranks import count_before, order_rising
 from remind_jax.remind.context.chunks import by_chunks
 from remind_jax.remind.context.evidence import FrameView, Links
 from remind_jax.remind.context.frame_classes import FrameClasses
@@ -63,7 +63,7 @@ def rank_choices(
 ) -> Int[Array, "S choices"]:
     """The choices of every set by falling support of their objects; those that exist first."""
     support = jnp.where(allowed, support[:, :, None, :], -jnp.inf)
-    return jnp.argsort(-support.reshape(support.shape[0], -1), axis=1, stable=True)
+    return order_rising([-support.reshape(support.shape[0], -1)])
 
 
 def select_children(
