@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from remind_jax.metrics.combine import add_counts, map_counts, sum_counts
-from remind_jax.metrics.matching import EPSILON, MATCH_THRESHOLD, assign_frame, has_rivals
+from remind_jax.metrics.combine import map_counts, total_counts
+from remind_jax.metrics.matching import EPSILON, MATCH_THRESHOLD, assign_frame, split_frames
 from remind_jax.metrics.sequence import TrackingSequence
 
 MOSTLY_TRACKED = 0.8  # above: MT
@@ -37,21 +37,12 @@ class ClearCounts:
 
 def count_clear(sequence: TrackingSequence) -> ClearCounts:
     """Matches one sequence frame by frame and counts what CLEAR needs."""
-    matches = _match_clear(sequence)
-    of_objects, rest = _count_by_object(sequence, matches)
-    counts = add_counts(sum_counts(of_objects), rest)
-    similarity_sum = sequence.pair_similarity[matches].sum()
-    return dataclasses.replace(counts, similarity_sum=np.asarray(similarity_sum))
+    return total_counts(*split_clear(sequence))
 
 
 def split_clear(sequence: TrackingSequence) -> tuple[ClearCounts, ClearCounts]:
     """Counts of each object, and what belongs to none; together those of the sequence."""
-    return _count_by_object(sequence, _match_clear(sequence))
-
-
-def _count_by_object(
-    sequence: TrackingSequence, matches: Int[np.ndarray, "M"]
-) -> tuple[ClearCounts, ClearCounts]:
+    matches = _match_clear(sequence)
     lengths = sequence.gt_lengths
     num = len(lengths)
     owner = sequence.gt_index[sequence.pair_gt[matches]]
@@ -82,9 +73,23 @@ def _count_by_object(
 
 
 def _match_clear(sequence: TrackingSequence) -> Int[np.ndarray, "M"]:
-    """The pairs that CLEAR matches, as places in the table of pairs."""
-    pairs = np.flatnonzero(sequence.pair_similarity >= MATCH_THRESHOLD - EPSILON)
-    return pairs[_match_continuously(sequence, pairs)]
+    """The pairs that CLEAR matches, as places in the table of pairs.
+
+    Ids that were matched in the processed frame before go first.
+    """
+    _, _, id_pair = sequence.id_pairs
+    step, similarity = _processed_order(sequence), sequence.pair_similarity
+    matches = [np.zeros(0, np.int64)]
+    last, kept = -1, set[int]()
+    for frame, pairs in split_frames(
+        sequence, np.flatnonzero(similarity >= MATCH_THRESHOLD - EPSILON)
+    ):
+        follows = step[frame] == last + 1
+        bonus = [_CONTINUITY_BONUS * (follows and one in kept) for one in id_pair[pairs].tolist()]
+        score = np.asarray(bonus) + similarity[pairs]
+        matches.append(pairs[assign_frame(sequence, frame, pairs, score)])
+        last, kept = step[frame], set(id_pair[matches[-1]].tolist())
+    return np.concatenate(matches)
 
 
 def _processed_order(sequence: TrackingSequence) -> Int[np.ndarray, "T"]:
@@ -94,52 +99,6 @@ def _processed_order(sequence: TrackingSequence) -> Int[np.ndarray, "T"]:
     """
     has_both = (sequence.gt_counts > 0) & (sequence.pred_counts > 0)
     return np.cumsum(has_both) - 1
-
-
-def _match_continuously(
-    sequence: TrackingSequence, pairs: Int[np.ndarray, "C"]
-) -> Bool[np.ndarray, "C"]:
-    """Chooses among the admitted pairs, keeping the ids of the previous processed frame first.
-
-    A pair that was chosen there outweighs all of its rivals here, and two such pairs are never
-    rivals. So only rivals that are left over have to be solved.
-    """
-    chosen = [True] * len(pairs)
-    before = _find_predecessors(sequence, pairs).tolist()
-    gt, pred = sequence.pair_gt[pairs].tolist(), sequence.pair_pred[pairs].tolist()
-    frames = sequence.pair_frame[pairs]
-    rivals = np.flatnonzero(has_rivals(sequence, pairs))
-
-    def is_kept(i: int) -> bool:
-        return before[i] >= 0 and chosen[before[i]]
-
-    for group in np.split(rivals, np.flatnonzero(np.diff(frames[rivals])) + 1):
-        kept = [i for i in group.tolist() if is_kept(i)]
-        gt_kept, pred_kept = {gt[i] for i in kept}, {pred[i] for i in kept}
-        left = [i for i in group.tolist() if gt[i] not in gt_kept and pred[i] not in pred_kept]
-        for i in group.tolist():
-            chosen[i] = i in kept or i in left
-        if len({gt[i] for i in left}) < len(left) or len({pred[i] for i in left}) < len(left):
-            first, last = np.searchsorted(frames, frames[left[0]] + np.arange(2)).tolist()
-            bonus = _CONTINUITY_BONUS * np.asarray([is_kept(i) for i in range(first, last)])
-            here = pairs[first:last]
-            score = bonus + sequence.pair_similarity[here]
-            chosen[first:last] = assign_frame(sequence, int(frames[first]), here, score).tolist()
-    return np.asarray(chosen, bool)
-
-
-def _find_predecessors(
-    sequence: TrackingSequence, pairs: Int[np.ndarray, "C"]
-) -> Int[np.ndarray, "C"]:
-    """Where in `pairs` the same two ids meet in the previous processed frame, -1 if they do not."""
-    _, _, id_pair = sequence.id_pairs
-    id_pair = id_pair[pairs]
-    step = _processed_order(sequence)[sequence.pair_frame[pairs]]
-    order = np.argsort(id_pair, kind="stable")  # by frame within a pair of ids
-    is_next = (np.diff(id_pair[order]) == 0) & (np.diff(step[order]) == 1)
-    before = np.full(len(pairs), -1)
-    before[order[1:][is_next]] = order[:-1][is_next]
-    return before
 
 
 def _find_breaks(

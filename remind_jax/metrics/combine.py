@@ -49,6 +49,11 @@ def add_counts(counts: Counts, more: Counts) -> Counts:
     return map_counts(np.add, counts, more)
 
 
+def total_counts(of_units: Counts, rest: Counts) -> Counts:
+    """The sum over the units of a leading axis and what belongs to none of them."""
+    return add_counts(sum_counts(of_units), rest)
+
+
 def pool_counts(counts: Iterable[Counts]) -> Counts:
     """Adds the counts of several sequences."""
     return sum_counts(stack_counts(counts))

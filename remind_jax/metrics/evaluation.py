@@ -13,16 +13,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from remind_jax.metrics.clear import ClearCounts, clear_scores, count_clear, split_clear
+from remind_jax.metrics.clear import ClearCounts, clear_scores, split_clear
 from remind_jax.metrics.combine import (
     bootstrap_intervals,
     map_counts,
     pool_counts,
     stack_counts,
     sum_counts,
+    total_counts,
 )
-from remind_jax.metrics.hota import HotaCounts, count_hota, hota_scores, match_hota, split_hota
-from remind_jax.metrics.identity import IdentityCounts, count_identity, count_right, identity_scores
+from remind_jax.metrics.hota import HotaCounts, hota_scores, match_hota, split_hota
+from remind_jax.metrics.identity import IdentityCounts, count_right, identity_scores
 from remind_jax.metrics.matching import MATCH_THRESHOLD
 from remind_jax.metrics.recovery import (
     RecoveryCounts,
@@ -63,11 +64,9 @@ def bootstrap_families(families: Sequence[Family], **options: Any) -> Intervals:
     return found
 
 
-def split_by_object(sequence: TrackingSequence, recovery: RecoveryCounts) -> list[Family]:
-    """The counts of one sequence by true object: HOTA, CLEAR, identity, recovery."""
+def split_by_object(sequence: TrackingSequence) -> list[Family]:
+    """The counts of one sequence by true object: HOTA, CLEAR, identity."""
     chosen = match_hota(sequence)
-    hota, hota_rest = split_hota(sequence, chosen)
-    clear, clear_rest = split_clear(sequence)
     is_close = chosen & (sequence.pair_similarity >= MATCH_THRESHOLD)
     owner = sequence.gt_index[sequence.pair_gt[is_close]]
     num_claimed = np.bincount(owner, minlength=len(sequence.gt_objects))
@@ -76,10 +75,9 @@ def split_by_object(sequence: TrackingSequence, recovery: RecoveryCounts) -> lis
     unclaimed = np.asarray(len(sequence.pred_id) - num_claimed.sum())
     nothing = np.zeros((), np.int64)
     return [
-        (hota, hota_rest),
-        (clear, clear_rest),
+        split_hota(sequence, chosen),
+        split_clear(sequence),
         (identity, IdentityCounts(nothing, nothing, unclaimed)),
-        (recovery, None),
     ]
 
 
@@ -184,6 +182,8 @@ def evaluate_sequence(
     """Scores one sequence; recovery by its firm answers, if these are others."""
     answers = collect_answers(sequence if firm is None else firm)
     recovery = count_recovery(answers, find_reference(answers), min_absence_frames)
+    families = split_by_object(sequence)
+    hota, clear, identity = (total_counts(*family) for family in families)
     sizes = (
         len(sequence.pred_id),
         len(sequence.gt_id),
@@ -194,13 +194,13 @@ def evaluate_sequence(
     )
     return Evaluation(
         name=sequence.name,
-        hota=count_hota(sequence),
-        clear=count_clear(sequence),
-        identity=count_identity(sequence),
+        hota=hota,
+        clear=clear,
+        identity=identity,
         recovery=recovery,
         sizes=SizeCounts(*(np.asarray(size) for size in sizes)),
         uncertainty=uncertainty,
-        by_object=split_by_object(sequence, recovery) if by_object else None,
+        by_object=[*families, (recovery, None)] if by_object else None,
     )
 
 

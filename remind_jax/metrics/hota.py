@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from remind_jax.metrics.combine import add_counts, sum_counts
+from remind_jax.metrics.combine import total_counts
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.sequence import TrackingSequence
 
@@ -38,8 +38,7 @@ class HotaCounts:
 
 def count_hota(sequence: TrackingSequence) -> HotaCounts:
     """Matches one sequence at all thresholds and sums what HOTA needs."""
-    of_objects, rest = split_hota(sequence, match_hota(sequence))
-    return add_counts(sum_counts(of_objects), rest)
+    return total_counts(*split_hota(sequence, match_hota(sequence)))
 
 
 def split_hota(

@@ -38,24 +38,13 @@ def count_identity(sequence: TrackingSequence) -> IdentityCounts:
 def count_right(sequence: TrackingSequence) -> Int[np.ndarray, "objects"]:
     """Frames in which each object carries its one right label."""
     right = np.zeros(len(sequence.gt_objects), np.int64)
-    object_of, label_of, common = _count_common_frames(sequence)
-    if len(common):
-        matrix = np.zeros((object_of.max() + 1, label_of.max() + 1))
-        matrix[object_of, label_of] = common
-        rows, columns = linear_sum_assignment(matrix, maximize=True)
-        right[rows] = matrix[rows, columns]
-    return right
-
-
-def _count_common_frames(
-    sequence: TrackingSequence,
-) -> tuple[Int[np.ndarray, "I"], Int[np.ndarray, "I"], Int[np.ndarray, "I"]]:
-    """Object, label and number of common frames of the id pairs that have any."""
     object_of, label_of, id_pair = sequence.id_pairs
     is_common = sequence.pair_similarity >= MATCH_THRESHOLD
-    common = np.bincount(id_pair[is_common], minlength=len(object_of))
-    found = common > 0
-    return object_of[found], label_of[found], common[found]
+    matrix = np.zeros((len(right), len(sequence.pred_objects)))
+    matrix[object_of, label_of] = np.bincount(id_pair[is_common], minlength=len(object_of))
+    rows, columns = linear_sum_assignment(matrix, maximize=True)
+    right[rows] = matrix[rows, columns]
+    return right
 
 
 def identity_scores(counts: IdentityCounts) -> dict[str, Any]:

@@ -18,55 +18,19 @@ from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import decode_mask, encode_masks
 from remind_jax.metrics.matching import EPSILON, match_detections
-from remind_jax.metrics.sequence import TrackingSequence, frame_starts
+from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.sources.file_tree import frame_stem, last_number
 from remind_jax.sources.label_maps import fit_plane
-
-# Box pairs looked at in one go: temporaries of this size stay in the cache.
-_PAIRS_PER_CHUNK = 1 << 15
-
-# Never overlaps anything, itself included: left, top, right, bottom.
-_NOWHERE = (np.inf, np.inf, -np.inf, -np.inf)
 
 Pairs = tuple[Int[np.ndarray, "K"], Int[np.ndarray, "K"], Float[np.ndarray, "K"]]
 
 
-def pair_boxes(
-    gt_frame: Int[np.ndarray, "G"],
-    gt_boxes: Float[np.ndarray, "G 4"],
-    pred_frame: Int[np.ndarray, "P"],
-    pred_boxes: Float[np.ndarray, "P 4"],
-    num_frames: int,
-) -> Pairs:
-    """Overlapping boxes of a whole sequence: row of each, and their intersection over union.
-
-    Frames do not fall; boxes are left, top, right, bottom; right and bottom excluded.
-    """
-    gt_start, pred_start = frame_starts(gt_frame, num_frames), frame_starts(pred_frame, num_frames)
-    gt_edges = np.vstack([gt_boxes.reshape(-1, 4), _NOWHERE]).T
-    pred_edges = np.vstack([pred_boxes.reshape(-1, 4), _NOWHERE]).T
-    rows: list[np.ndarray] = [np.zeros(0, np.int64)]
-    columns: list[np.ndarray] = [np.zeros(0, np.int64)]
-    for frames in _cut_frames(np.diff(gt_start), np.diff(pred_start)):
-        gt_slot = _slot_rows(gt_start, frames)
-        pred_slot = _slot_rows(pred_start, frames)
-        left, top, right, bottom = gt_edges[:, gt_slot, None]
-        other_left, other_top, other_right, other_bottom = pred_edges[:, pred_slot][:, :, None]
-        overlaps = (left < other_right) & (other_left < right)
-        overlaps &= (top < other_bottom) & (other_top < bottom)
-        hit, column = np.divmod(np.flatnonzero(overlaps), pred_slot.shape[1])
-        rows.append(gt_slot.ravel()[hit])
-        columns.append(pred_slot[hit // gt_slot.shape[1], column])
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    iou = _divide_boxes(gt_edges[:, row], pred_edges[:, column])
-    found = iou > 0
-    return row[found], column[found], iou[found]
-
-
-def _divide_boxes(
-    gt: Float[np.ndarray, "4 K"], pred: Float[np.ndarray, "4 K"]
-) -> Float[np.ndarray, "K"]:
+def box_iou(
+    gt: Float[np.ndarray, "G 4"], pred: Float[np.ndarray, "P 4"]
+) -> Float[np.ndarray, "G P"]:
+    """Intersection over union of boxes of one frame: left, top, right, bottom."""
     # The order of operations is TrackEval's: an overlap on a threshold must round as there.
+    gt, pred = gt.T[:, :, None], pred.T[:, None]
     width = np.minimum(gt[2], pred[2]) - np.maximum(gt[0], pred[0])
     height = np.minimum(gt[3], pred[3]) - np.maximum(gt[1], pred[1])
     intersection = np.maximum(width, 0) * np.maximum(height, 0)
@@ -75,21 +39,6 @@ def _divide_boxes(
     union = gt_area + pred_area - intersection
     counts = (gt_area > EPSILON) & (pred_area > EPSILON) & (union > EPSILON)
     return np.where(counts, intersection / np.where(counts, union, 1.0), 0.0)
-
-
-def _cut_frames(gt_counts: np.ndarray, pred_counts: np.ndarray) -> list[np.ndarray]:
-    """Frames that hold pairs, in groups of about `_PAIRS_PER_CHUNK` pairs."""
-    frames = np.flatnonzero((gt_counts > 0) & (pred_counts > 0))
-    total = np.cumsum(gt_counts[frames] * pred_counts[frames])
-    group = total // _PAIRS_PER_CHUNK
-    return np.split(frames, np.flatnonzero(np.diff(group)) + 1) if len(frames) else []
-
-
-def _slot_rows(start: np.ndarray, frames: np.ndarray) -> Int[np.ndarray, "frames slots"]:
-    """Rows of each frame, filled up with the row after the last one."""
-    first, stop = start[frames, None], start[frames + 1, None]
-    rows = first + np.arange(int((stop - first).max()))
-    return np.where(rows < stop, rows, start[-1])
 
 
 def rle_iou(gt_rles: Sequence[Rle], pred_rles: Sequence[Rle]) -> Float[np.ndarray, "G P"]:
@@ -236,16 +185,17 @@ def _keep_frames(rows: TrackRows, frames: Int[np.ndarray, "T"]) -> TrackRows:
 
 
 def _measure(truth: TrackRows, prediction: TrackRows) -> Pairs:
-    if truth.rles is None or prediction.rles is None or not len(truth) or not len(prediction):
-        gt_boxes, pred_boxes = _boxes_in_one_size(truth, prediction)
-        num_frames = truth.num_frames
-        return pair_boxes(truth.frame, gt_boxes, prediction.frame, pred_boxes, num_frames)
-    fitted = _fit_masks(prediction.rles, size_of(truth.rles[0]), prediction.name)
+    """Overlapping rows of truth and predictions, and their intersection over union."""
+    if truth.rles and prediction.rles:
+        fitted = _fit_masks(prediction.rles, size_of(truth.rles[0]), prediction.name)
+        overlap, sides = rle_iou, (truth.rles, fitted)
+    else:
+        overlap, sides = box_iou, _boxes_in_one_size(truth, prediction)
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
     for frame in np.intersect1d(truth.frame, prediction.frame):
         first, stop = np.searchsorted(truth.frame, [frame, frame + 1])
         first_pred, stop_pred = np.searchsorted(prediction.frame, [frame, frame + 1])
-        matrix = rle_iou(truth.rles[first:stop], fitted[first_pred:stop_pred])
+        matrix = overlap(sides[0][first:stop], sides[1][first_pred:stop_pred])
         row, column = np.nonzero(matrix)
         parts.append((row + first, column + first_pred, matrix[row, column]))
     rows, columns, ious = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -151,7 +151,7 @@ class TrackingSequence:
         """Pairs of ids that ever overlap (object, label), and which of them each row pair is."""
         num_labels = max(1, len(self.pred_objects))
         key = self.gt_index[self.pair_gt] * num_labels + self.pred_index[self.pair_pred]
-        found, member = _number_keys(key, len(self.gt_objects) * num_labels)
+        found, member = number_ids(key)
         return found // num_labels, found % num_labels, member
 
     @cached_property
@@ -195,32 +195,14 @@ def number_ids(
     ids: Int[np.ndarray, "N"],
 ) -> tuple[Int[np.ndarray, "U"], Int[np.ndarray, "N"]]:
     """The distinct ids, ascending, and the position of each id among them."""
-    if not len(ids):
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    lowest, highest = int(ids.min()), int(ids.max())
-    if highest - lowest > 4 * len(ids):
-        found, member = np.unique(ids, return_inverse=True)
-        return found, member
-    found, member = _number_keys(ids - lowest, highest - lowest + 1)
-    return found + lowest, member
+    found, member = np.unique(ids, return_inverse=True)
+    return found, member
 
 
 def frame_starts(frame: Int[np.ndarray, "N"], num_frames: int) -> Int[np.ndarray, "{num_frames}+1"]:
     """First row of each frame in rows ordered by frame, and the number of rows at the end."""
     counts = np.bincount(frame, minlength=num_frames)
     return np.concatenate([[0], np.cumsum(counts)])
-
-
-def _number_keys(key: np.ndarray, num_keys: int) -> tuple[np.ndarray, np.ndarray]:
-    # A table of all keys is several times faster than sorting as long as it stays small.
-    if num_keys > 16 * len(key) + 65536:
-        found, member = np.unique(key, return_inverse=True)
-        return found, member
-    present = np.zeros(num_keys, bool)
-    present[key] = True
-    found = np.flatnonzero(present)
-    position = np.cumsum(present) - 1
-    return found, position[key]
 
 
 def _classes_or_zero(classes: Any, num: int) -> np.ndarray:
@@ -245,8 +227,7 @@ def check_rows(
             f"{name}: {side} rows must be ordered by frame, with frames 0 to {num_frames - 1}"
         )
     found, index = number_ids(ids)
-    _, member = _number_keys(frame * len(found) + index, num_frames * len(found))
-    seen = np.bincount(member)
+    _, member, seen = np.unique(frame * len(found) + index, return_inverse=True, return_counts=True)
     if seen.max() > 1:
         row = int(np.flatnonzero(seen[member] > 1)[0])
         raise SourceError(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.metrics.sequence import TrackingSequence, number_ids
+from remind_jax.metrics.sequence import TrackingSequence
 
 
 def create(**changes: Any) -> TrackingSequence:
@@ -42,11 +42,3 @@ def test_pairs_are_ordered_and_those_without_overlap_left_out():
     sequence = create(pairs=([2, 1, 0], [1, 0, 0], [0.7, 0.0, 0.5]))
     assert sequence.pair_gt.tolist() == [0, 2]
     assert sequence.pair_similarity.tolist() == [0.5, 0.7]
-
-
-@pytest.mark.parametrize("ids", [[], [3], [7, 7, 5, 6], [-4, 10**12, -4], [2**40, 0, 1]])
-def test_numbering_equals_numpys(ids: list[int]):
-    found, member = number_ids(np.asarray(ids, np.int64))
-    expected, expected_member = np.unique(np.asarray(ids, np.int64), return_inverse=True)
-    assert found.tolist() == expected.tolist()
-    assert member.tolist() == expected_member.tolist()

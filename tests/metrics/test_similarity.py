@@ -7,17 +7,7 @@ from hypothesis import strategies as st
 
 from remind_jax.errors import SourceError
 from remind_jax.masks.run_length import encode_masks
-from remind_jax.metrics import pairing
-from remind_jax.metrics.pairing import pair_boxes, rle_iou
-
-
-def box_iou(gt_boxes: np.ndarray, pred_boxes: np.ndarray) -> np.ndarray:
-    """Overlaps of all boxes with all boxes, as if they were of one frame."""
-    matrix = np.zeros((len(gt_boxes), len(pred_boxes)))
-    frames = (np.zeros(len(boxes), int) for boxes in (gt_boxes, pred_boxes))
-    row, column, iou = pair_boxes(next(frames), gt_boxes, next(frames), pred_boxes, 1)
-    matrix[row, column] = iou
-    return matrix
+from remind_jax.metrics.pairing import box_iou, rle_iou
 
 
 def mask_iou(gt: np.ndarray, pred: np.ndarray) -> np.ndarray:
@@ -46,21 +36,6 @@ def test_boxes_are_masks(seed: int):
     # Ratios of the same whole numbers.
     np.testing.assert_array_equal(by_box, by_mask)
     np.testing.assert_array_equal(by_rle, by_mask)
-
-
-def test_sequences_in_chunks_equal_frames_alone(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(pairing, "_PAIRS_PER_CHUNK", 40)
-    rng = np.random.default_rng(0)
-    gt_frame, pred_frame = np.sort(rng.integers(0, 9, 60)), np.sort(rng.integers(2, 12, 50))
-    corner = rng.random((110, 2)) * 10
-    boxes = np.hstack([corner, corner + rng.random((110, 2)) * 5])
-    gt_boxes, pred_boxes = boxes[:60], boxes[60:]
-    row, column, iou = pair_boxes(gt_frame, gt_boxes, pred_frame, pred_boxes, 12)
-    found = np.zeros((60, 50))
-    found[row, column] = iou
-    expected = box_iou(gt_boxes, pred_boxes) * (gt_frame[:, None] == pred_frame)
-    np.testing.assert_array_equal(found, expected)
-    assert np.all(np.diff(row * 50 + column) > 0)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
