@@ -70,10 +70,10 @@ class Run:
       remind run rtsp://10.0.0.5/main --detector m.onnx  a stream
     """
 
-    # video, folder of images, DAVIS or ScanNet++ folder, feature file (.npz); number of a
-    # camera, or address of a stream (rtsp, rtsps, http, https)
+    # video, folder of images, DAVIS or ScanNet++ folder; number of a camera, or address of a stream
+    # (rtsp, rtsps, http, https)
     source: Annotated[Positional[str], arg(metavar="SOURCE")]
-    # instance maps (folder, .npz) or COCO JSON; 'none' ignores those of the layout
+    # folder of instance maps, or COCO JSON; 'none' ignores those of the layout
     masks: Path | None = None
     detector: Path | None = None  # ONNX segmentation export (YOLO-seg, RF-DETR-seg)
     backbone: BackboneName = "patch-statistics"

@@ -59,7 +59,7 @@ class Sweep:
       remind sweep a/ b/ c/ --settings mine.csv --workers 8
     """
 
-    # folders or feature files whose masks say which object they show
+    # folders whose masks say which object they show
     sources: Annotated[Positional[tuple[Path, ...]], arg(metavar="SCENE ...")]
     ranges: Ranges = ()
     random: int | None = None  # draw so many settings instead of trying all combinations
@@ -119,7 +119,7 @@ class Sweep:
     def _plan(self) -> Any:
         """What is to be done with the bench, checked before any work."""
         if not self.sources:
-            raise SweepError("name the scenes to sweep over: folders or feature files")
+            raise SweepError("name the scenes to sweep over: folders with masks")
         from remind_jax.sweeps import bench as limits
         from remind_jax.sweeps.search import HIGH_IS_GOOD, LOW_IS_GOOD
         from remind_jax.sweeps.settings import MAX_SETTINGS

@@ -186,6 +186,8 @@ def _keep_frames(rows: TrackRows, frames: Int[np.ndarray, "T"]) -> TrackRows:
 
 def _measure(truth: TrackRows, prediction: TrackRows) -> Pairs:
     """Overlapping rows of truth and predictions, and their intersection over union."""
+    overlap: Callable[[Any, Any], np.ndarray]
+    sides: tuple[Any, Any]
     if truth.rles and prediction.rles:
         fitted = _fit_masks(prediction.rles, size_of(truth.rles[0]), prediction.name)
         overlap, sides = rle_iou, (truth.rles, fitted)

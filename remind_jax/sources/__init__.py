@@ -1,4 +1,4 @@
-"""Where frames come from: video, folders, DAVIS, ScanNet++, arrays, features, cameras, streams."""
+"""Where frames come from: video, folders, DAVIS, ScanNet++, arrays, cameras, streams."""
 
 from remind_jax.sources.detections import detections_from as detections_from
 from remind_jax.sources.live_source import LiveSource as LiveSource

@@ -15,16 +15,7 @@ from remind_jax.errors import SourceError
 from remind_jax.files.host_array import host_array
 from remind_jax.formats.pictures import decode_image
 from remind_jax.frame import Detections, Frame
-from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.detections import ClassNaming, detections_from
-from remind_jax.sources.features import read_part
-from remind_jax.sources.label_maps import (
-    Unlabelled,
-    detections_in,
-    fit_plane,
-    instance_ids_in,
-    require_classes,
-)
 from remind_jax.sources.source import DEFAULT_IMAGE_FPS, Content, Entry, Report, UnreadableFrame
 
 
@@ -101,32 +92,6 @@ class ArrayMasks:
                 f"number {entry.source_index}; give one item per source frame (None for nothing)"
             )
         return self._convert(self._per_frame[entry.source_index], frame_size)
-
-
-def open_stored_maps(
-    maps: np.ndarray,
-    classes: ClassNames,
-    file: str,
-    unlabelled: Unlabelled,
-) -> ArrayMasks:
-    """Instance maps `[T, H, W]` of a NumPy file, by source frame.
-
-    Raises:
-      SourceError: If they are something else, or instances have no class.
-    """
-    if maps.ndim != 3 or maps.dtype.kind not in "ui" or 0 in maps.shape[1:]:
-        raise SourceError(
-            f"masks in '{file}' are {maps.dtype} {maps.shape}; give instance maps, whole "
-            "numbers [T, H, W]"
-        )
-    if unlabelled == "error":
-        require_classes(classes, instance_ids_in(maps), file)
-
-    def convert(index: int, frame_size: tuple[int, int]) -> Detections:
-        labels = read_part(maps, index)
-        return detections_in(fit_plane(labels, frame_size, f"a map in '{file}'"), classes)
-
-    return ArrayMasks(range(len(maps)), convert)
 
 
 def _length(items: Iterable[Any]) -> int | None:

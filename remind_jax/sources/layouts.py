@@ -11,7 +11,6 @@ from typing import Any
 from remind_jax.errors import OptionError, SourceError
 from remind_jax.sources import davis, scannetpp
 from remind_jax.sources.class_names import Metadata, find_metadata, read_metadata
-from remind_jax.sources.features import FEATURE_SUFFIXES, FeatureReader, find_classes, load_arrays
 from remind_jax.sources.file_tree import files_in, folders_in
 from remind_jax.sources.image_folder import IMAGE_SUFFIXES, ImageReader, list_images
 from remind_jax.sources.label_maps import LabelMaps, Unlabelled
@@ -46,12 +45,6 @@ def locate(path: Path, choice: Choice) -> Located:
     name = choice.name or path.stem
     if path.is_dir():
         return _locate_in_folder(path, choice)
-    if suffix in FEATURE_SUFFIXES:
-        arrays = load_arrays(path)
-        classes = find_classes(arrays, str(path), choice.metadata, name)
-        return FeatureReader(
-            arrays, name, choice.image_fps, str(path), classes, choice.unlabelled
-        ), None
     if suffix in IMAGE_SUFFIXES:
         return ImageReader(path.parent, name, choice.image_fps, [path.name]), None
     if suffix in (".json", ".jsonl"):
@@ -67,8 +60,8 @@ def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
     """
     if not path.is_dir():
         raise SourceError(
-            f"'{path}' is no folder; masks are a folder of instance maps (.png), an array (.npz, "
-            ".npy), or COCO run-length JSON"
+            f"'{path}' is no folder; masks are a folder of instance maps (.png) or COCO run-length "
+            "JSON"
         )
     if _holds_maps(path):
         metadata = _metadata(path, METADATA_BESIDE_MASKS, reader.name, choice)

@@ -17,10 +17,9 @@ from remind_jax.files import as_path
 from remind_jax.files.records import Text, check
 from remind_jax.formats.coco import read_categories
 from remind_jax.settings.ranges import check_option
-from remind_jax.sources.arrays import ArrayMasks, ItemReader, open_stored_maps
+from remind_jax.sources.arrays import ArrayMasks, ItemReader
 from remind_jax.sources.coco_masks import CocoMasks
 from remind_jax.sources.detections import ClassNaming, detections_from
-from remind_jax.sources.features import FEATURE_SUFFIXES, find_classes, load_arrays
 from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import Unlabelled
 from remind_jax.sources.layouts import Choice, locate, open_maps_at, refuse_unused
@@ -78,12 +77,12 @@ def open_source(
     Args:
       spec: A camera (0, "/dev/video0"); the address of a stream (`"rtsp://..."`, `"http://..."`);
         a video; a folder of images; a DAVIS folder (its root, or a sequence in `JPEGImages`);
-        a ScanNet++ scene; a feature file `.npz` or `.npy`; an array
-        `[T, H, W, 3]`; an iterable of images, image paths, pairs (image, detections) or `Frame`s;
-        a `Source`, which is returned as it is unless other options are given.
+        a ScanNet++ scene; an array `[T, H, W, 3]`; an iterable of images, image paths, pairs
+        (image, detections) or `Frame`s; a `Source`, which is returned as it is unless other options
+        are given.
       masks: Detections kept apart: a folder of instance maps, a COCO-RLE file (`.json`,
-        `.jsonl`), instance maps `[T, H, W]` (array, `.npy`, `.npz` with `masks`), or detections
-        per source frame. Left out, those that belong to the layout; `"none"` ignores these.
+        `.jsonl`), an array of instance maps `[T, H, W]`, or detections per source frame. Left out,
+        those that belong to the layout; `"none"` ignores these.
       sampling: Which frames are processed.
       metadata: JSON with the class of each instance id, or with the names of COCO categories.
       sequence: Which one, where a DAVIS folder holds several.
@@ -215,13 +214,7 @@ def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
         named = choice.metadata
         categories = read_categories(read_bytes(named), str(named)) if named else None
         return CocoMasks(read_bytes(path), str(path), reader, categories)
-    if suffix not in FEATURE_SUFFIXES:
-        return open_maps_at(path, reader, choice)
-    arrays = load_arrays(path, "masks")
-    if "masks" not in arrays:
-        raise SourceError(f"'{path}' holds no array 'masks'; it must be [T, H, W]")
-    classes = find_classes(arrays, str(path), choice.metadata, reader.name)
-    return open_stored_maps(arrays["masks"], classes, str(path), choice.unlabelled)
+    return open_maps_at(path, reader, choice)
 
 
 def _existing(path: str | Path) -> Path:

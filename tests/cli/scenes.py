@@ -9,8 +9,6 @@ import av
 import cv2
 import numpy as np
 
-from remind_jax.backbone.registry import get_backbone
-
 # Objects of fewer than about 14 patches are too small to be remembered, hence 25 patches each.
 PATCH_PX = 16
 WIDTH_PX, HEIGHT_PX = 16 * PATCH_PX, 12 * PATCH_PX
@@ -73,27 +71,3 @@ def write_video(path: Path, num: int) -> Path:
             container.mux(stream.encode(frame))  # pyright: ignore[reportAttributeAccessIssue]
         container.mux(stream.encode())  # pyright: ignore[reportAttributeAccessIssue]
     return path
-
-
-def write_masks(path: Path, num: int) -> Path:
-    """Instance maps of the frames as arrays."""
-    np.savez(path, allow_pickle=False, **_maps(num))
-    return path
-
-
-def write_features(path: Path, num: int, bad_frame: int | None = None) -> Path:
-    """Patch features of the frames with instance maps; NaN and infinity in a bad frame."""
-    images = np.stack([picture(index)[0] for index in range(num)])
-    features = np.array(get_backbone().extract(images))
-    if bad_frame is not None:
-        features[bad_frame, 0, 0, 0], features[bad_frame, 1, 1, 1] = np.nan, np.inf
-    np.savez(path, allow_pickle=False, features=features, **_maps(num))
-    return path
-
-
-def _maps(num: int) -> dict[str, np.ndarray]:
-    return {
-        "masks": np.stack([picture(index)[1] for index in range(num)]),
-        "ids": np.array(list(CLASSES)),
-        "labels": np.array(list(CLASSES.values())),
-    }

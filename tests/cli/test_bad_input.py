@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from remind_jax.outputs.result import Result
-from tests.cli import scenes
 
 
 def assert_refused(outcome, *words: str) -> None:
@@ -53,19 +52,6 @@ def test_mask_of_another_size(command, scene):
     assert kept.timings_ms["step"]
     names = {"memory.safetensors", "report.html", "overlay.mp4", "tracks.csv"}
     assert names <= {path.name for path in (scene[0].parent.parent / "out").iterdir()}
-
-
-def test_features_that_are_not_finite_are_left_out_and_reported(command, tmp_path):
-    path = scenes.write_features(tmp_path / "features.npz", num=3, bad_frame=1)
-    summary = summary_of(command("run", path, "--json"))
-    assert summary["frames"] == 3
-    assert summary["events"] == [
-        {
-            "frame_index": 1,
-            "kind": "features",
-            "message": "2 patches were left out for a feature that is not finite",
-        }
-    ]
 
 
 def test_full_disk(command, scene):

@@ -12,7 +12,6 @@ import pytest
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import FILE_NAMES
 from remind_jax.session.live import Tracker
-from tests.cli import scenes
 
 
 def test_run_writes_everything_and_says_what_it_found(command, scene, tmp_path):
@@ -83,8 +82,7 @@ def test_view_draws_again_from_the_same_or_a_moved_source(command, scene, tmp_pa
 
 def test_source_names_become_folder_names(command, scene, tmp_path):
     strange = scene[0].rename(scene[0].with_name("my rooms: 2"))
-    masks = scenes.write_masks(tmp_path / "masks.npz", 4)
-    command("run", strange, "--masks", masks, "--quiet", "--no-overlay", "--max-frames", 1)
+    command("run", strange, "--masks", scene[1], "--quiet", "--no-overlay", "--max-frames", 1)
     assert (tmp_path / "runs" / "my_rooms_2").is_dir()
 
 

@@ -67,14 +67,6 @@ def detect(path: Path) -> None:
     found(scenes.picture(0)[0])
 
 
-def mask_array(folder: Path) -> Path:
-    """Instance maps as one array."""
-    scenes.write_scene(folder / "scene", NUM_FRAMES)
-    path = folder / "masks.npy"
-    np.save(path, np.stack([scenes.picture(index)[1] for index in range(NUM_FRAMES)]))
-    return path
-
-
 def polygons(folder: Path) -> Path:
     """A COCO data set with polygons and boxes."""
     scenes.write_scene(folder / "scene", NUM_FRAMES)

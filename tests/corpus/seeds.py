@@ -171,15 +171,6 @@ def _memory(folder: Path) -> Path:
     return path
 
 
-def features(folder: Path) -> Path:
-    path = folder / "features.npz"
-    features = np.zeros((NUM_FRAMES, 12, 16, 4), np.float32)
-    maps = np.stack([scenes.picture(index)[1] for index in range(NUM_FRAMES)])
-    ids, labels = np.array(list(scenes.CLASSES)), np.array(list(scenes.CLASSES.values()))
-    np.savez(path, features=features, masks=maps, ids=ids, labels=labels)
-    return path
-
-
 def _map(folder: Path) -> Path:
     return next(iter(sorted(scenes.write_scene(folder / "scene", NUM_FRAMES)[1].glob("*.png"))))
 
@@ -261,9 +252,7 @@ FORMATS: dict[str, Format] = {
     "configuration": Format("yaml", config, lambda path: remind("config", "show", path)),
     "sweep settings": Format("json", sweep_settings, _read_settings),
     "memory": Format("safetensors", _memory, load_memory),
-    "features": Format("npz", features, _look_at),
     "instance map": Format("header", _map, _scene_with_masks),
-    "array of masks": Format("header", binary_seeds.mask_array, _as_masks),
     "coco polygons": Format("json", binary_seeds.polygons, _as_masks),
     "coco categories": Format(
         "json",

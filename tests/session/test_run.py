@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import remind_jax as rj
+from remind_jax.backbone.registry import get_backbone
 from remind_jax.baselines.bank import BankThresholds
 from remind_jax.decision import Outcome
 from remind_jax.errors import ConfigError, OutputError, SourceError
@@ -24,6 +25,7 @@ from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import MEMORY_NAME
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress
+from remind_jax.sources import detections_from
 from tests.cli import scenes
 
 CONFIG = {}
@@ -46,6 +48,21 @@ def assert_same_decisions(ours: Result, theirs: Result) -> None:
 def whole() -> Result:
     """The run that all others are compared with: pairs of image and instance map."""
     return rj.run(PICTURES, config=CONFIG)
+
+
+def test_features_that_are_not_finite_are_left_out_and_reported():
+    images, maps = zip(*PICTURES[:3], strict=True)
+    features = np.array(get_backbone().extract(np.stack(images)))
+    features[1, 0, 0, 0], features[1, 1, 1, 1] = np.nan, np.inf
+    frames = [
+        Frame(i, i, 0.1 * i, str(i), None, detections_from(found, found.shape), features[i])
+        for i, found in enumerate(maps)
+    ]
+    result = rj.run(frames, config=CONFIG)
+    assert len(result) == 3
+    (event,) = result.events
+    assert (event.frame_index, event.kind) == (1, "features")
+    assert event.message.startswith("2 patches were left out")
 
 
 def test_three_objects_keep_their_identity(whole):
