@@ -25,8 +25,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import remind_jax as rj
 from benchmarks.rows import show_rows
+from benchmarks.visit_scores import score_visits
 from benchmarks.visits import FIRST_SEED, options_of, split_visits
-from remind_jax.metrics.visit_evaluation import evaluate_run_visits
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.outputs.writer import MEMORY_NAME
 from remind_jax.session.changed_memory import JoinedObjects, join_memories
@@ -97,7 +97,7 @@ def measure(name: str, first: Visit, second: Visit, after: Visit, folder: Path) 
     }
     right = sum(truth.get(kept) == other.get(there[gone]) for kept, gone in joined.matched)
     scores = {
-        which: 100 * evaluate_run_visits({"first": first, "second": visit}).scores()["IDF1"]
+        which: 100 * score_visits({"first": first, "second": visit}).scores()["IDF1"]
         for which, visit in (("one_memory", after), ("joined", as_joined(second, joined)))
     }
     return {

@@ -23,9 +23,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import remind_jax as rj
+from benchmarks.visit_scores import VisitCounts, score_visits, visit_scores
 from remind_jax.frame import Frame
 from remind_jax.metrics.combine import pool_counts
-from remind_jax.metrics.visit_evaluation import VisitCounts, evaluate_run_visits, visit_scores
 from remind_jax.printing.terminal import print_table
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, render_sequence
 from remind_jax.synthetic.rendering import RenderedSequence
@@ -119,8 +119,8 @@ def run_pair(seed: int, config: str, folder: Path) -> Pair:
         )
         memory = out / "memory.safetensors"
         runs[visit.scene.name] = result.tracks
-    whole = evaluate_run_visits(runs)
-    of_still = evaluate_run_visits({name: _only(tracks, still) for name, tracks in runs.items()})
+    whole = score_visits(runs)
+    of_still = score_visits({name: _only(tracks, still) for name, tracks in runs.items()})
     return Pair(whole.scores(), pool_counts(whole.counts), pool_counts(of_still.counts))
 
 

@@ -12,14 +12,12 @@ from tyro.conf import Positional, UseAppendAction, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OptionError, RemindError
-from remind_jax.files import refuse_file, say_no_file, writing
+from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines, print_table
 from remind_jax.settings.ranges import check_option
 
 if TYPE_CHECKING:
     from remind_jax.metrics import SetEvaluation
-    from remind_jax.metrics.visit_evaluation import VisitsEvaluation
-    from remind_jax.tracks import Tracks
 
 FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "cvat", "run"]
 
@@ -45,8 +43,6 @@ class Eval:
       remind eval runs/rooms                      a run made with ground-truth masks
       remind eval DAVIS_ROOT runs/rooms --protocol paper
       remind eval DAVIS_ROOT runs/ours runs/theirs --table comparison.md
-      remind eval VISITS runs/visits --visits     several visits, one memory
-      remind eval runs/visits --visits            the same, of runs with the truth
     """
 
     truth: Annotated[Positional[Path], arg(metavar="GT")]  # ground truth
@@ -57,8 +53,6 @@ class Eval:
     truth_format: FormatName | None = None  # of the truth; recognized if left out
     # undecided detections of a run: without an id, or settled among their candidates
     undecided: Literal["strict", "collapse"] = "strict"
-    # scenes are visits of one place in the order of their names: ids must hold across them
-    visits: bool = False
     # TrackEval's definitions, or the original evaluator's (every deviation is named)
     protocol: Literal["standard", "paper"] = "standard"
     num_frames: int | None = None  # text: length of the sequence; up to the last frame if left out
@@ -84,13 +78,11 @@ class Eval:
         for path in (*self._table_files, *([] if self.json is None else [self.json])):
             refuse_file(path, (self.truth, *self.predictions), is_read=_may_be_tracks)
         check_option("min_absence_frames", self.min_absence_frames, 1, _MAX_ABSENCE)
-        if self.min_absence_frames > 1 and (self.visits or self.protocol == "paper"):
+        if self.min_absence_frames > 1 and self.protocol == "paper":
             raise OptionError(
-                "'min_absence_frames' is of the standard protocol without visits; leave it out",
+                "'min_absence_frames' is of the standard protocol; leave it out",
                 "min_absence_frames",
             )
-        if self.visits:
-            return self._execute_visits()
         if self.protocol == "paper":
             return self._execute_paper()
         evaluations = self._evaluate()
@@ -110,33 +102,6 @@ class Eval:
     @property
     def _table_files(self) -> tuple[Path, ...]:
         return tuple(path for group in self.table for path in group)
-
-    def _execute_visits(self) -> int:
-        from remind_jax.metrics.scene_evaluation import SceneOptions
-        from remind_jax.metrics.visit_evaluation import evaluate_run_visits, evaluate_visits
-
-        if len(self.predictions) > 1 or self.table or self.protocol == "paper":
-            raise OptionError(
-                "'visits' scores one set of predictions by the standard protocol and writes no "
-                "table but that of --json; give GT, PRED and --visits",
-                "visits",
-            )
-        if not self.predictions:
-            runs = _find_runs(self.truth)
-            evaluation = evaluate_run_visits(runs, name=self.truth.name, undecided=self.undecided)
-        else:
-            evaluation = evaluate_visits(
-                self.truth,
-                self.predictions[0],
-                format=self.format,
-                truth_format=self.truth_format,
-                options=SceneOptions(self.num_frames, self.class_id, self.undecided),
-            )
-        if self.json is not None:
-            _write_json(self.json, evaluation.to_json())
-        if not self.quiet:
-            print_visits(evaluation)
-        return process.FINE
 
     def _execute_paper(self) -> int:
         from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
@@ -213,23 +178,6 @@ def _may_be_tracks(name: str) -> bool:
     return name in FILE_NAMES or name.lower().endswith((".txt", ".png"))
 
 
-def _find_runs(folder: Path) -> dict[str, tuple[Tracks, ...]]:
-    """The frames of every run in a folder, by the names of theirs."""
-    from remind_jax.outputs.result import Result
-    from remind_jax.outputs.store import DETECTIONS_NAME
-
-    if not folder.is_dir():
-        why = say_no_file(folder) or "is a file"
-        raise RemindError(f"'{folder}' {why}; give a folder that holds the output folders of runs")
-    found = sorted(path.parent for path in folder.glob(f"*/{DETECTIONS_NAME}"))
-    if not found:
-        raise RemindError(
-            f"there are no runs in '{folder}' to score as visits; give a folder that holds their "
-            "output folders, or truth and predictions"
-        )
-    return {path.name: Result.load(path).tracks for path in found}
-
-
 def print_evaluation(evaluation: SetEvaluation) -> None:
     """Prints the main scores of one set of predictions, and what went wrong."""
     print_scores(evaluation.scores())
@@ -240,29 +188,6 @@ def print_evaluation(evaluation: SetEvaluation) -> None:
     elif evaluation.num_scenes > 1:
         lines = [f"{evaluation.num_scenes} scenes, counts added", *lines]
     print_lines(lines)
-
-
-def print_visits(evaluation: VisitsEvaluation) -> None:
-    """Prints scores over all visits, recovery within and across them, and objects by visit."""
-    from remind_jax.metrics.visit_evaluation import VISIT_HEADS
-
-    scores = evaluation.scores()
-    print_scores(scores)
-    rows = [
-        (
-            f"{where} visits",
-            f"{scores[f'Opportunities{key}']:.0f}",
-            *(_percent(scores[f"{name}{key}"]) for name in ("Recovery", "HardRecovery")),
-        )
-        for where, key in (("within", "WithinVisits"), ("across", "AcrossVisits"))
-    ]
-    print_table([("returns", "number", "recovered", "at once"), *rows])
-    print_table([VISIT_HEADS, *evaluation.rows()])
-    print_lines([f"note: {note}" for note in evaluation.notes])
-
-
-def _percent(share: float) -> str:
-    return "" if share != share else f"{100 * share:.1f} %"
 
 
 def print_scores(scores: dict[str, float]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +16,11 @@ from remind_jax.metrics.evaluation import (
     without_nan,
 )
 from remind_jax.metrics.opening import TEXT_FORMATS, Format, SceneSet
-from remind_jax.metrics.pairing import PairedScene, pair_scene
+from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.run_evaluation import Undecided, check_undecided, evaluate_pair
 from remind_jax.metrics.run_folder import number_detections, read_tracks
 from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream
 from remind_jax.printing.small_table import SmallTable
-from remind_jax.tracks import Tracks
 
 _MIN_MATCHED = 0.05  # of the detections of the side that has fewer
 
@@ -115,48 +113,30 @@ def evaluate(
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class ReadPair:
-    """A scene as read from both sides."""
-
-    paired: PairedScene
-    tracks: Sequence[Tracks] | None  # of a run, whose detections are numbered in `paired`
-    has_classes: bool  # classes may be scored apart
-
-
-def read_pair(stream: SceneStream, scene: str, predicted: str, options: SceneOptions) -> ReadPair:
-    """Reads a scene of both sides and pairs it.
-
-    Raises:
-      SourceError: If it cannot be read or paired.
-    """
-    truth, predictions = stream.truth, stream.predictions
-    rows = truth.read[scene]()
-    if predictions.format == "run":
-        tracks = read_tracks(predictions.files[predicted])
-        paired = pair_scene(rows, number_detections(tracks, rows.name))
-        return ReadPair(paired, tracks, True)
-    if truth.format not in TEXT_FORMATS or truth.format != predictions.format:
-        return ReadPair(pair_scene(rows, predictions.read[predicted]()), None, True)
-    texts = fit_texts(
-        rows,
-        predictions.read[predicted](),
-        num_frames=options.num_frames,
-        class_id=options.class_id,
-    )
-    return ReadPair(pair_scene(*texts), None, False)
-
-
 def _score_scene(
     stream: SceneStream, scene: str, predicted: str, options: SceneOptions
 ) -> tuple[Evaluation, list[str]]:
-    """Scores one scene; also notes about it."""
-    read = read_pair(stream, scene, predicted, options)
+    """Reads and scores one scene; also notes about it."""
+    truth, predictions = stream.truth, stream.predictions
+    rows, tracks, has_classes = truth.read[scene](), None, True
+    if predictions.format == "run":
+        tracks = read_tracks(predictions.files[predicted])
+        paired = pair_scene(rows, number_detections(tracks, rows.name))
+    elif truth.format in TEXT_FORMATS and truth.format == predictions.format:
+        texts = fit_texts(
+            rows,
+            predictions.read[predicted](),
+            num_frames=options.num_frames,
+            class_id=options.class_id,
+        )
+        paired, has_classes = pair_scene(*texts), False
+    else:
+        paired = pair_scene(rows, predictions.read[predicted]())
     evaluation, left_out = evaluate_pair(
-        read.paired,
-        read.tracks,
+        paired,
+        tracks,
         undecided=options.undecided,
-        by_class=options.by_class and read.has_classes,
+        by_class=options.by_class and has_classes,
         by_object=options.by_object,
         min_absence_frames=options.min_absence_frames,
     )

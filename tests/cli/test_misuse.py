@@ -99,7 +99,6 @@ REFUSED = {
     "explain notes.txt --frame 0": "it is a file",
     "explain None --frame 0": "None",  # a name like any other
     "eval notes.txt": "no predictions to score against 'notes.txt'",
-    "eval nowhere --visits": "'nowhere' does not exist; give a folder",
     "benchmark scene --detector x.engine": "is no ONNX file",
     "sweep": "name the scenes to sweep over",
     "sweep scene": "nothing to sweep over",

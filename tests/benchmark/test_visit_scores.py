@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
-from remind_jax.cli.main import main
+from benchmarks.visit_scores import (
+    count_visits,
+    join_visits,
+    score_visits,
+    split_recovery,
+    visit_scores,
+)
 from remind_jax.decision import Outcome
 from remind_jax.errors import SourceError
 from remind_jax.metrics.combine import pool_counts
 from remind_jax.metrics.recovery import collect_answers, count_recovery, find_reference
 from remind_jax.metrics.sequence import TrackingSequence
-from remind_jax.metrics.visit_evaluation import (
-    count_visits,
-    evaluate_run_visits,
-    join_visits,
-    split_recovery,
-    visit_scores,
-)
 from remind_jax.tracks import Tracks
 from tests.metrics.tables import from_frames
 from tests.outputs import fake_run
@@ -117,11 +115,9 @@ def test_runs_are_scored_by_the_instances_they_were_given():
     tracks = [  # every object by its own number
         run_frame(frame) for frame in run.tracks
     ]
-    evaluation = evaluate_run_visits({"monday": tracks, "tuesday": tracks})
-    scores = evaluation.scores()
+    scores = score_visits({"monday": tracks, "tuesday": tracks}).scores()
     assert scores["IDF1"] == scores["Recognized"] == scores["RecoveryAcrossVisits"] == 1
     assert scores["FalseRecognitions"] == 0
-    assert evaluation.rows()[0][0] == "tuesday"
 
 
 def run_frame(frame: Tracks) -> Tracks:
@@ -129,20 +125,3 @@ def run_frame(frame: Tracks) -> Tracks:
     ids[:] = np.arange(len(ids))
     firm = np.full_like(frame.outcome, Outcome.MATCH)
     return dataclasses.replace(frame, object_id=ids, instance_ids=ids.copy(), outcome=firm)
-
-
-def test_visits_on_the_command_line(tmp_path, capsys):
-    run = fake_run.make_run()[1]
-    run = dataclasses.replace(run, tracks=tuple(run_frame(frame) for frame in run.tracks))
-    for name in ("1_monday", "2_tuesday"):
-        run.save(tmp_path / "runs" / name)
-    out = tmp_path / "scores.json"
-    assert main(["eval", str(tmp_path / "runs"), "--visits", "--json", str(out)]) == 0
-    said = capsys.readouterr().out
-    assert "across visits" in said
-    assert "2_tuesday" in said
-    content = json.loads(out.read_text())
-    assert content["metrics"]["Recognized"] == 1
-    assert list(content["visits"]) == ["2_tuesday"]
-    assert main(["eval", str(tmp_path), "--visits"]) == 1
-    assert "there are no runs" in capsys.readouterr().err
