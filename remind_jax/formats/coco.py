@@ -16,7 +16,7 @@ from remind_jax.files import limits
 from remind_jax.files.reading import wrong_encoding
 from remind_jax.files.records import Count, Label, Share, Side, Text, Whole, check, decode_json
 from remind_jax.frame import Rle
-from remind_jax.masks.run_length import are_malformed, decode_mask
+from remind_jax.masks.run_length import decode_mask, is_malformed
 
 Id = Whole | Text
 Name = Annotated[str, Meta(min_length=1, max_length=limits.MAX_LABEL)]
@@ -196,7 +196,7 @@ def say_bad(segmentation: Segmentation) -> str:
         most = limits.MAX_MASK_PIXELS
         return f"its run-length code claims {width}x{height} pixels, at most {most} are read"
     if isinstance(segmentation.counts, str):
-        is_bad = bool(are_malformed([as_rle(segmentation)])[0])
+        is_bad = is_malformed(as_rle(segmentation))
     else:
         is_bad = sum(segmentation.counts) != height * width
     if is_bad:

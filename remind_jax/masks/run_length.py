@@ -18,7 +18,6 @@ from remind_jax.frame import Rle
 
 # More characters to a number overflow 64 bits; no picture is that large.
 _MAX_CHARACTERS = 8
-_CHUNK_CHARACTERS = 1 << 20  # of codes that are checked in one go: some hundred bytes for each
 
 
 def encode_masks(masks: Bool[np.ndarray, "N H W"] | Crops) -> tuple[Rle, ...]:
@@ -106,60 +105,40 @@ def union_area(rles: Sequence[Rle]) -> int:
 
 
 def find_malformed(rles: Sequence[Rle]) -> int | None:
-    """The first code that is damaged or does not cover its picture exactly; None if all are sound.
+    """The first code that `is_malformed`; None if all are sound."""
+    return next((place for place, rle in enumerate(rles) if is_malformed(rle)), None)
+
+
+def is_malformed(rle: Rle) -> bool:
+    """Whether a code is damaged or does not cover its picture exactly.
 
     The library that decodes them takes codes that end early for sound, and memory for any size.
     """
-    bad = are_malformed(rles)
-    return int(np.flatnonzero(bad)[0]) if bad.any() else None
-
-
-def are_malformed(rles: Sequence[Rle]) -> Bool[np.ndarray, "N"]:
-    """Which codes are damaged or do not cover their pictures exactly."""
-    sizes = np.array([rle["size"] for rle in rles], np.int64).reshape(-1, 2)
-    lengths = np.array([len(rle["counts"]) for rle in rles], np.int64)
-    bad = (sizes < 1).any(axis=1) | (lengths == 0)
-    sound = np.flatnonzero(~bad)
-    chunk = np.cumsum(lengths[sound]) // _CHUNK_CHARACTERS
-    for part in np.split(sound, np.flatnonzero(np.diff(chunk)) + 1):
-        if len(part):
-            text = np.frombuffer(b"".join(rles[at]["counts"] for at in part.tolist()), np.uint8)
-            code = np.repeat(np.arange(len(part)), lengths[part])
-            bad[part] = _check_codes(text, code, sizes[part].prod(axis=1))
-    return bad
+    digit, (height, width) = _read_digits(rle), rle["size"]
+    if min(height, width) < 1 or not len(digit) or digit[-1] & 32:
+        return True
+    if digit.min() < 0 or digit.max() > 63:
+        return True
+    runs, lengths = _read_runs(digit)
+    return bool(
+        lengths.max() > _MAX_CHARACTERS or runs.min() < 0 or int(runs.sum()) != height * width
+    )
 
 
 def read_runs(rle: Rle) -> Int[np.ndarray, "runs"]:
     """Run lengths of a sound code: background, mask, background, ..."""
-    digit = np.frombuffer(rle["counts"], np.uint8).astype(np.int64) - 48
+    return _read_runs(_read_digits(rle))[0]
+
+
+def _read_digits(rle: Rle) -> Int[np.ndarray, "characters"]:
+    return np.frombuffer(rle["counts"], np.uint8).astype(np.int64) - 48
+
+
+def _read_runs(
+    digit: Int[np.ndarray, "characters"],
+) -> tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]:
+    """The run lengths of a code that ends with a number, and how many characters each has."""
     ends = np.flatnonzero((digit & 32) == 0)
-    value, _ = _read_numbers(digit, ends)
-    # From the fourth number on, each is the difference to the run two before.
-    value[1::2] = np.cumsum(value[1::2])
-    value[2::2] = np.cumsum(value[2::2])
-    return value
-
-
-def _check_codes(text: np.ndarray, code: np.ndarray, num_pixels: np.ndarray) -> np.ndarray:
-    """Which codes are wrong; `text` are the characters of all, `code` says whose each is."""
-    digit = text.astype(np.int64) - 48
-    bad = np.bincount(code, (digit < 0) | (digit > 63), len(num_pixels)) > 0
-    last_of_code = np.diff(code, append=-1) != 0
-    bad[code[last_of_code & ((digit & 32) != 0)]] = True
-    ends = np.flatnonzero(((digit & 32) == 0) | last_of_code)
-    owner = code[ends]
-    value, lengths = _read_numbers(digit, ends)
-    bad[owner[lengths > _MAX_CHARACTERS]] = True
-    runs = _undo_differences(value, owner)
-    bad[owner[runs < 0]] = True
-    total = np.bincount(owner, runs, len(num_pixels))
-    return bad | (total != num_pixels)
-
-
-def _read_numbers(
-    digit: Int[np.ndarray, "characters"], ends: Int[np.ndarray, "numbers"]
-) -> tuple[Int[np.ndarray, "numbers"], Int[np.ndarray, "numbers"]]:
-    """The numbers of a code that end at these characters, and how many characters each has."""
     starts = np.concatenate([[0], ends[:-1] + 1])
     lengths = ends - starts + 1
     place = np.arange(len(digit)) - np.repeat(starts, lengths)
@@ -167,22 +146,7 @@ def _read_numbers(
     value = np.add.reduceat(parts, starts)
     is_negative = (digit[ends] & 16) != 0
     value -= np.where(is_negative, 1 << np.minimum(5 * lengths, 60), 0)
+    # From the fourth number on, each is the difference to the run two before.
+    value[1::2] = np.cumsum(value[1::2])
+    value[2::2] = np.cumsum(value[2::2])
     return value, lengths
-
-
-def _undo_differences(
-    value: Int[np.ndarray, "runs"], owner: Int[np.ndarray, "runs"]
-) -> Int[np.ndarray, "runs"]:
-    """Run lengths: from the fourth number of a code on, each is added to the run two before."""
-    first = np.flatnonzero(np.diff(owner, prepend=-1) != 0)
-    number = np.arange(len(owner)) - first[np.cumsum(np.diff(owner, prepend=-1) != 0) - 1]
-    # Number 0 stands alone, 1, 3, 5, ... and 2, 4, 6, ... are chains of differences.
-    chain = np.where(number == 0, 0, 2 - number % 2)
-    order = np.lexsort((number, chain, owner))
-    link = owner[order] * 3 + chain[order]
-    starts = np.flatnonzero(np.diff(link, prepend=-1) != 0)
-    summed = np.cumsum(value[order])
-    before = np.where(starts > 0, summed[starts - 1], 0)
-    runs = np.empty_like(value)
-    runs[order] = summed - np.repeat(before, np.diff(starts, append=len(link)))
-    return runs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
@@ -205,22 +205,20 @@ def tracks_of(frame: FrameRow) -> Tracks:
     )
 
 
-def check_masks(frames: Sequence[Tracks]) -> None:
-    """Checks the codes of all masks, of many frames at once.
+def check_masks(frames: Iterable[Tracks]) -> None:
+    """Checks the codes of all masks.
 
     Raises:
       OutputError: If one is damaged.
     """
-    wrong = find_malformed([rle for frame in frames for rle in frame.rles])
-    if wrong is None:
-        return
-    owners = [(frame, row) for frame in frames for row in range(len(frame))]
-    frame, row = owners[wrong]
-    height, width = frame.frame_size
-    raise OutputError(
-        f"the mask of detection {row} in frame {frame.frame_index} is damaged: its code is no mask "
-        f"of {height} x {width} pixels (height x width)"
-    )
+    for frame in frames:
+        row = find_malformed(frame.rles)
+        if row is not None:
+            height, width = frame.frame_size
+            raise OutputError(
+                f"the mask of detection {row} in frame {frame.frame_index} is damaged: its code is "
+                f"no mask of {height} x {width} pixels (height x width)"
+            )
 
 
 def _reals(values: list[float | None]) -> Float[np.ndarray, "values"]:

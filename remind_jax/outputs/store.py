@@ -31,7 +31,6 @@ RUN_NAME = "run.json"
 FORMAT = "remind-jax detections"
 VERSION = 1
 
-_CHECKED_AT_ONCE = 256  # frames; checking takes some 100 bytes for a character of a mask
 _RESTORE = "run the tracker again or restore the file"
 _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 
@@ -112,13 +111,9 @@ def read_detections(path: Path) -> tuple[RunInfo, tuple[Tracks, ...]]:
             )
         try:
             frames.append(tracks_of(frame))
+            check_masks(frames[-1:])
         except OutputError as error:
             raise OutputError(f"{where}: {error}; {_RESTORE}") from error
-    for start in range(0, len(frames), _CHECKED_AT_ONCE):
-        try:
-            check_masks(frames[start : start + _CHECKED_AT_ONCE])
-        except OutputError as error:
-            raise OutputError(f"'{path}': {error}; {_RESTORE}") from error
     return info, tuple(frames)
 
 
