@@ -6,10 +6,8 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-import os
 import resource
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -185,22 +183,10 @@ def peak_rss_mib() -> float:
 
 
 def device_memory_mib() -> float | None:
-    """Memory that this process holds on NVIDIA devices, in MiB, by their driver; None without one.
-
-    JAX gives memory back to the driver only at its end, so this is the peak so far; it reserves
-    three quarters of a device at its start unless XLA_PYTHON_CLIENT_PREALLOCATE is false.
-    """
-    query = ["nvidia-smi", "--query-compute-apps=pid,used_memory", "--format=csv,noheader,nounits"]
-    try:
-        listed = subprocess.run(query, capture_output=True, text=True, check=True, timeout=20)
-    except (OSError, subprocess.SubprocessError):
-        return None
-    used = 0.0
-    for line in listed.stdout.splitlines():
-        pid, _, mib = line.partition(",")
-        if pid.strip() == str(os.getpid()) and mib.strip().isdigit():
-            used += float(mib)
-    return used or None
+    """Most memory that arrays and programs took on the device so far, in MiB; None on the host."""
+    stats = jax.local_devices()[0].memory_stats() or {}
+    peak = stats.get("peak_bytes_in_use")
+    return None if peak is None else peak / _MIB
 
 
 def _prepare_features(setup: Setup, scene: Scene, contender: Contender) -> float:

@@ -44,8 +44,8 @@ _MEASURED: tuple[str, ...] = (
     "Milliseconds per frame, mean and 95th percentile. Step: the tracker alone. Frame: detector, "
     "features, masks and step. Compiling: frame with the frames that compiled, which the others "
     "leave out.",
-    "RSS: largest resident memory of the process in a scene, device: largest share of its memory "
-    "so far, both by the operating system.",
+    "RSS: largest resident memory of the process in a scene, by the operating system; device: most "
+    "memory of it in use so far, by JAX.",
 )
 
 

@@ -22,6 +22,7 @@ from remind_jax.errors import SourceError
 from remind_jax.frame import Frame
 from remind_jax.masks.reduction import pad_masks
 from remind_jax.method import Method, get_method
+from remind_jax.metrics.pairing import box_iou
 from remind_jax.observation import Descriptors, FrameFeats, Masks
 from remind_jax.session.live import Tracker
 from remind_jax.session.preparation import Prepared
@@ -187,7 +188,7 @@ def link_boxes(
     number = 0
     for t in range(len(valid)):
         if t:
-            overlap = overlaps(boxes[t - 1], boxes[t])
+            overlap = box_iou(boxes[t - 1], boxes[t])
             overlap *= valid[t - 1][:, None] & valid[t]
             overlap *= class_id[t - 1][:, None] == class_id[t]
             for slot in np.flatnonzero(valid[t]):
@@ -199,14 +200,3 @@ def link_boxes(
         found[t, fresh] = number + np.arange(int(fresh.sum()))
         number += int(fresh.sum())
     return found
-
-
-def overlaps(
-    first: Float[np.ndarray, "N 4"], second: Float[np.ndarray, "M 4"]
-) -> Float[np.ndarray, "N M"]:
-    """Intersection over union of all pairs of boxes (left, top, right, bottom)."""
-    low = np.maximum(first[:, None, :2], second[None, :, :2])
-    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
-    shared = np.prod(np.clip(high - low, 0, None), axis=-1)
-    sizes = [np.prod(boxes[:, 2:] - boxes[:, :2], axis=-1) for boxes in (first, second)]
-    return shared / np.maximum(sizes[0][:, None] + sizes[1] - shared, 1e-9)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -67,8 +66,6 @@ class Benchmark:
 
     def execute(self) -> int:
         """Runs what is missing, scores everything, writes tables; returns the exit code."""
-        # Else the memory that a device reports is what JAX reserved.
-        os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
         from remind_jax.backbone.opening import open_backbone
         from remind_jax.benchmark.contenders import make_contenders
         from remind_jax.benchmark.running import Setup, run_all

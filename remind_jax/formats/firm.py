@@ -7,7 +7,7 @@ published configuration) the detection with the higher score keeps it.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID
 from remind_jax.frame import Rle
@@ -16,11 +16,22 @@ from remind_jax.tracks import Tracks
 
 
 def firm_rows(tracks: Tracks) -> Int[np.ndarray, "K"]:
-    """Detections with a firm identity, each identity once (higher score, then lower row)."""
-    rows = np.flatnonzero(tracks.is_firm & (tracks.object_id != NO_ID))
-    by_score = rows[np.argsort(-tracks.score[rows], kind="stable")]
-    _, first = np.unique(tracks.object_id[by_score], return_index=True)
-    return np.sort(by_score[first])
+    """Detections with a firm identity, each identity once."""
+    ids = np.where(tracks.is_firm, tracks.object_id, NO_ID)
+    return np.flatnonzero(keep_unique(ids, tracks.score))
+
+
+def keep_unique(ids: Int[np.ndarray, "N"], score: Float[np.ndarray, "N"]) -> Bool[np.ndarray, "N"]:
+    """Which detections of a frame keep their id where several have the same one.
+
+    The highest score wins, then the first detection; what has NO_ID is not kept.
+    """
+    order = np.argsort(-np.asarray(score, float), kind="stable")
+    order = order[ids[order] != NO_ID]
+    _, first = np.unique(ids[order], return_index=True)
+    keep = np.zeros(len(ids), bool)
+    keep[order[first]] = True
+    return keep
 
 
 def masks_without_overlap(tracks: Tracks, rows: Int[np.ndarray, "K"]) -> list[Rle | None]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Int
 from scipy.optimize import linear_sum_assignment
 
 from remind_jax.decision import NO_ID, Outcome
@@ -96,21 +96,6 @@ def settle_candidates(
     settled = columns < len(labels)
     label[rows[settled]] = labels[columns[settled]]
     return label
-
-
-def keep_unique_labels(
-    label: Int[np.ndarray, "N"], score: Float[np.ndarray, "N"]
-) -> Bool[np.ndarray, "N"]:
-    """Which detections keep their id where several of a frame claim the same one.
-
-    The highest score wins, then the first detection; unlabeled detections are not kept.
-    """
-    order = np.lexsort((np.arange(len(label)), -np.asarray(score, float)))
-    order = order[label[order] != NO_ID]
-    _, first = np.unique(label[order], return_index=True)
-    keep = np.zeros(len(label), bool)
-    keep[order[first]] = True
-    return keep
 
 
 def _list_candidates(decisions: Decisions, row: int) -> list[Option]:

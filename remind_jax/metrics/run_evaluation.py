@@ -16,9 +16,10 @@ from jaxtyping import Bool, Int
 
 from remind_jax.decision import NO_ID
 from remind_jax.errors import RemindError, SourceError, nearest_names
+from remind_jax.formats.firm import keep_unique
 from remind_jax.formats.rows import TrackRows
 from remind_jax.frame import NO_INSTANCE
-from remind_jax.metrics.collapse import collapse_frame, keep_unique_labels
+from remind_jax.metrics.collapse import collapse_frame
 from remind_jax.metrics.decisions import NO_ROW, Decisions
 from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
 from remind_jax.metrics.matching import match_detections
@@ -45,7 +46,7 @@ class Labels:
         for frame in tracks:
             decisions = Decisions.of_tracks([frame])
             ids = collapse_frame(decisions) if undecided == "collapse" else decisions.object_id
-            parts.append((ids.astype(np.int64), keep_unique_labels(ids, frame.score)))
+            parts.append((ids.astype(np.int64), keep_unique(ids, frame.score)))
         return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     @property

@@ -13,8 +13,8 @@ from jaxtyping import Int
 from remind_jax.decision import NO_ID
 from remind_jax.errors import SourceError
 from remind_jax.files.records import read_lines
+from remind_jax.formats.firm import keep_unique
 from remind_jax.formats.rows import RowCollector, TrackRows
-from remind_jax.metrics.collapse import keep_unique_labels
 from remind_jax.tracks import Tracks
 
 RUN_FILE = "detections.jsonl"
@@ -69,7 +69,7 @@ def rows_of_tracks(
     for frame, ids in zip(tracks, labels, strict=True):
         names[frame.frame_index] = frame.name
         source_frames[frame.frame_index] = frame.source_index
-        for row in np.flatnonzero(keep_unique_labels(ids, frame.score)):
+        for row in np.flatnonzero(keep_unique(ids, frame.score)):
             class_id = index[frame.labels[row]]
             rows.add(frame.frame_index, int(ids[row]), class_id, rle=frame.rles[row])
     finished = rows.finish(

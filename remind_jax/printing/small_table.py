@@ -6,6 +6,8 @@ import dataclasses
 import html
 from collections.abc import Sequence
 
+from remind_jax.printing.terminal import split_columns
+
 _WIDTH = 80
 _LINES, _HTML_ROWS = 12, 50  # that are shown at most
 _GAP = "  "
@@ -31,7 +33,7 @@ class SmallTable:
         shown = self.rows if len(self.rows) <= room else self.rows[: room - 1]
         table = [[_shorten(cell, width // 2) for cell in row] for row in (self.heads, *shown)]
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-        num_columns = _fitting(widths, width)
+        num_columns = len(next(split_columns(widths, width, len(_GAP))))
         for row in table:
             lines.append(align(row[:num_columns], widths, self.is_text))
         left_out = [
@@ -88,16 +90,6 @@ def align(row: Sequence[str], widths: Sequence[int], is_text: Sequence[int]) -> 
         for place, (cell, size) in enumerate(zip(row, widths, strict=False))
     ]
     return (_GAP + _GAP.join(cells)).rstrip()
-
-
-def _fitting(widths: Sequence[int], width: int) -> int:
-    """Columns that fit side by side, one at least."""
-    total = 0
-    for number, size in enumerate(widths):
-        total += len(_GAP) + size
-        if total > width and number:
-            return number
-    return len(widths)
 
 
 def _shorten(text: str, width: int) -> str:

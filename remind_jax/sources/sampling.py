@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,21 +18,7 @@ MAX_TIME_S = 1e10
 RATE_SLACK = 1e-6  # frames; time stamps are rounded to the container's clock
 
 
-class Timed(Protocol):
-    """Anything that has a place in a source."""
-
-    @property
-    def source_index(self) -> int:
-        """Number before sampling."""
-        ...
-
-    @property
-    def time_s(self) -> float:
-        """Time from the start of the source."""
-        ...
-
-
-TimedT = TypeVar("TimedT", bound=Timed)
+TimedT = TypeVar("TimedT", bound=Any)  # has `source_index` and `time_s`, as `Entry`
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from remind_jax.calibration.reading import NONE, link_boxes, overlaps
+from remind_jax.calibration.reading import NONE, link_boxes
 
 
 def box(left, size=10.0):
@@ -26,7 +26,3 @@ def test_two_that_claim_one_are_not_both_linked():
     boxes = np.array([[box(0), box(100)], [box(0), box(3)]])
     tracks = link_boxes(boxes, np.ones((2, 2), bool), np.zeros((2, 2), int))
     assert tracks[1].tolist() == [0, 2]
-
-
-def test_overlap_is_shared_area_by_joint_area():
-    assert overlaps(np.array([box(0.0)]), np.array([box(5.0), box(20.0)])).tolist() == [[1 / 3, 0]]

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.metrics.collapse import PROVISIONAL_BASE, collapse_frame, keep_unique_labels
+from remind_jax.formats.firm import keep_unique
+from remind_jax.metrics.collapse import PROVISIONAL_BASE, collapse_frame
 from remind_jax.metrics.decisions import Decisions
 
 
@@ -85,5 +86,5 @@ def test_collapse_is_the_best_of_all(seed: int):
 
 def test_of_two_claims_the_better_scored_is_kept():
     label = np.array([5, 5, NO_ID, 6, 6])
-    keep = keep_unique_labels(label, np.array([0.7, 0.9, 1.0, 0.8, 0.8]))
+    keep = keep_unique(label, np.array([0.7, 0.9, 1.0, 0.8, 0.8]))
     assert keep.tolist() == [False, True, False, True, False]

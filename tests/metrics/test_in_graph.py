@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.metrics.collapse import keep_unique_labels
+from remind_jax.formats.firm import keep_unique
 from remind_jax.metrics.evaluation import evaluate_sequence
 from remind_jax.metrics.in_graph import NONE, GraphScores, score_labels
 from remind_jax.metrics.sequence import TrackingSequence
@@ -86,7 +86,7 @@ def sequence_of(
     gt: np.ndarray, ids: np.ndarray, score: np.ndarray, classes: np.ndarray
 ) -> TrackingSequence:
     frame, slot = np.nonzero(gt != NONE)
-    keep = np.array([keep_unique_labels(i, s) for i, s in zip(ids, score, strict=True)])
+    keep = np.array([keep_unique(i, s) for i, s in zip(ids, score, strict=True)])
     pred_frame, pred_slot = np.nonzero(keep)
     row = {pair: at for at, pair in enumerate(zip(pred_frame, pred_slot, strict=True))}
     pairs = [(at, row[p], 1.0) for at, p in enumerate(zip(frame, slot, strict=True)) if p in row]
