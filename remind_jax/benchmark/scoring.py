@@ -14,7 +14,7 @@ from remind_jax.benchmark.scenes import Scene
 from remind_jax.errors import RemindError
 from remind_jax.formats.rows import RowCollector, TrackRows
 from remind_jax.masks.run_length import encode_masks
-from remind_jax.metrics.columns import Interval
+from remind_jax.metrics.comparison import Interval
 from remind_jax.metrics.evaluation import Evaluation, pool_evaluations, scene_intervals
 from remind_jax.metrics.run_evaluation import evaluate_run
 from remind_jax.outputs.store import DETECTIONS_NAME, read_detections

@@ -8,8 +8,7 @@ from pathlib import Path
 from remind_jax.benchmark.scoring import Scored, by_contender, summarize
 from remind_jax.benchmark.tours import AXES
 from remind_jax.files import make_folder
-from remind_jax.metrics.columns import Column
-from remind_jax.metrics.comparison import ComparisonTable, Row
+from remind_jax.metrics.comparison import Column, ComparisonTable, Row
 
 FORMATS = (".md", ".csv", ".txt")
 

@@ -70,7 +70,7 @@ class Eval:
 
     def execute(self) -> int:
         """Scores, prints and writes; returns the exit code."""
-        from remind_jax.metrics.scene_comparison import table_of
+        from remind_jax.metrics.scene_evaluation import table_of
 
         check_option("resamples", self.resamples, 0, _MAX_RESAMPLES)
         if self.num_frames is not None and self.num_frames < 1:
@@ -105,7 +105,7 @@ class Eval:
 
     def _execute_paper(self) -> int:
         from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
-        from remind_jax.metrics.scene_comparison import name_predictions
+        from remind_jax.metrics.scene_evaluation import name_predictions
 
         if not self.predictions:
             raise RemindError("--protocol paper needs predictions; name them after the truth")
@@ -133,8 +133,7 @@ class Eval:
         return process.FINE
 
     def _evaluate(self) -> list[SetEvaluation]:
-        from remind_jax.metrics.scene_comparison import evaluate_all
-        from remind_jax.metrics.scene_evaluation import SceneOptions
+        from remind_jax.metrics.scene_evaluation import SceneOptions, evaluate_all
 
         if not self.predictions:
             return [self._evaluate_alone()]

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
-from remind_jax.metrics.columns import column_of, format_cell
 from remind_jax.metrics.combine import bootstrap_intervals, pool_counts, stack_counts
-from remind_jax.metrics.comparison import ComparisonTable, Row
+from remind_jax.metrics.comparison import ComparisonTable, Row, column_of
 from remind_jax.metrics.decisions import NO_ROW, Decisions
 from remind_jax.metrics.evaluation import without_nan
 from remind_jax.metrics.matching import match_detections
@@ -60,11 +59,11 @@ class PaperEvaluation(SceneScores):
         return {name: float(value) for name, value in named.items() if name not in left_out}
 
     def _summarize(self) -> SmallTable:
-        scores = {column_of(name): value for name, value in self.scores().items()}
+        row = Row("", self.scores())
         return SmallTable(
             f"'{self.name}' under the paper's protocol",
             heads=("score", "value"),
-            rows=[(c.heading, format_cell(c, value)[0]) for c, value in scores.items()],
+            rows=[(c.heading, row.format(c)[0]) for c in map(column_of, row.scores)],
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from remind_jax.errors import OutputError
-from remind_jax.metrics.columns import Column
-from remind_jax.metrics.comparison import ComparisonTable, Row
+from remind_jax.metrics.comparison import Column, ComparisonTable, Row
 
 TABLE = ComparisonTable(
     rows=[

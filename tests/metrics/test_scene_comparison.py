@@ -6,7 +6,7 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.errors import RemindError
-from remind_jax.metrics.scene_comparison import name_predictions
+from remind_jax.metrics.scene_evaluation import name_predictions
 from tests.formats import scenes as made
 from tests.formats.scenes import ANSWERS, TRUTH
 
