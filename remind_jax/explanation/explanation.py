@@ -20,13 +20,29 @@ from remind_jax.tracks import Tracks
 _MAX_WIDTH = 100  # columns of running text
 
 
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """What a decision was made of, in part: sentences, and a table if there are rows."""
+
+    title: str
+    lines: tuple[str, ...] = ()
+    heads: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    is_text: tuple[int, ...] = (0,)  # columns that are flush left
+
+    def to_lines(self, width: int | None) -> list[str]:
+        """The same as plain text."""
+        lines = [line for text in (self.title, *self.lines) for line in wrap(text, width)]
+        table = (self.heads, *self.rows)
+        return lines + (lay_out(table, self.is_text, width) if self.rows else [])
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Explanation(abc.ABC):
     """Why one detection became what it became; methods add what they decide by."""
 
     FORMAT: ClassVar[str]
     VERSION: ClassVar[int] = 1
-    OF_FRAME: ClassVar[tuple[str, ...]] = ()  # fields that all detections of a frame have in common
 
     frame: int
     time_s: float
@@ -50,7 +66,7 @@ class Explanation(abc.ABC):
         sections = (
             self._headline(width),
             ["why", *number_lines(self.why, width)],
-            *self._render_details(width),
+            *(section.to_lines(width) for section in self.sections()),
         )
         return "\n\n".join("\n".join(lines) for lines in sections)
 
@@ -62,8 +78,8 @@ class Explanation(abc.ABC):
         return {"confidence": self.confidence}
 
     @abc.abstractmethod
-    def _render_details(self, width: int | None) -> Iterator[list[str]]:
-        """Lines of the sections below the reasons."""
+    def sections(self) -> Iterator[Section]:
+        """What stands below the reasons."""
 
     def _headline(self, width: int | None) -> list[str]:
         """What is explained and what it became, with those of the numbers that there are."""

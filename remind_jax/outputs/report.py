@@ -20,6 +20,7 @@ import numpy as np
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.explanation.explanation import to_jsonable
 from remind_jax.outputs.drawing import encode_jpeg, identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.overlay import OVERLAY_NAME, is_playable
@@ -40,9 +41,6 @@ MAX_EMBEDDED_VIDEO_BYTES = 25_000_000
 FRAMES_PER_BLOCK = 32
 # Later frames are left to `remind explain`: browsers get slow with bigger pages.
 MAX_EMBEDDED_BYTES = 10_000_000
-
-# What the page has elsewhere.
-_LEFT_OUT = ("format", "version", "frame", "time_s", "frame_name")
 
 _SHOWN_CANDIDATES = 3
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
@@ -155,30 +153,20 @@ def pack_explanations(result: Result) -> dict[str, Any] | None:
 
 def _explain_frame(result: Result, tracks: Tracks) -> dict[str, Any] | None:
     """What the page says about the detections of a frame; None without any."""
-    shared: dict[str, Any] = {}
-    own = []
-    for row in range(len(tracks)):
-        explanation = result.explain(tracks.frame_index, row)
-        whole = explanation.to_json()
-        shared = {name: whole[name] for name in explanation.OF_FRAME}
-        own.append({k: v for k, v in whole.items() if k not in (*_LEFT_OUT, *shared)})
-    return {**shared, "detections": own} if own else None
+    explained = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
+    if not explained:
+        return None
+    return {
+        "detections": [
+            {"name": one.name, "why": one.why, "sections": to_jsonable([*one.sections()])}
+            for one in explained
+        ]
+    }
 
 
 def _pack(content: Any) -> str:
-    text = json.dumps(_shorten(content), ensure_ascii=False, separators=(",", ":"))
+    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"))
     return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
-
-
-def _shorten(content: Any) -> Any:
-    """Numbers with the three decimals that the page shows."""
-    if isinstance(content, float):
-        return round(content, 3)
-    if isinstance(content, dict):
-        return {name: _shorten(value) for name, value in content.items()}
-    if isinstance(content, list):
-        return [_shorten(value) for value in content]
-    return content
 
 
 def read_sightings(path: Path) -> list[Sighting]:

@@ -201,14 +201,10 @@ function drawWhy(frame, position, row) {
   const could = run.identities.filter((who) => shares.has(who.id))
     .sort((a, b) => shares.get(b.id) - shares.get(a.id));
   byId("why-body").replaceChildren(make("p", { class: "faint" }, sum),
-    ...(explained ? drawReasons(frame, explained) : [make("p", {}, ...howToExplain(position, row))]),
+    ...(explained ? [make("ol", {}, ...explained.why.map((text) => make("li", {}, text))),
+      ...explained.sections.flatMap(drawSection)] : [make("p", {}, ...howToExplain(position, row))]),
     ...(id < 0 && could.length ? [make("h3", {}, "It could be")] : []),
     make("div", { class: "candidates" }, ...could.map((who) => drawCard(who, shares.get(who.id)))));
-}
-
-function drawReasons(frame, explained) {
-  return [make("ol", {}, ...explained.why.map((text) => make("li", {}, text))),
-    ...("context" in frame ? drawDecision(frame, explained) : drawEvidence(explained))];
 }
 
 /** Where the reasons are that this page does not hold. */
@@ -218,120 +214,16 @@ function howToExplain(position, row) {
     make("code", {}, `remind explain RUN --frame ${frameLabel(position)} --detection ${row}`)];
 }
 
-/** What a decision of REMIND was made of. */
-function drawDecision(frame, explained) {
-  return [...drawCandidates(explained), ...drawLayout(explained), ...drawPending(explained),
-    ...drawContext(frame, explained)];
+/** What the decision was made of: sentences, and a table. */
+function drawSection({ title, lines, heads, rows, is_text: texts }) {
+  const isNumber = (column) => !texts.includes(column);
+  const tr = (row) => make("tr", { class: row[0].startsWith("*") ? "decided" : "" },
+    ...row.map((text, column) => (isNumber(column) ? cell(text) : make("td", {}, text))));
+  return [make("h3", {}, capital(title)), ...lines.map((text) => make("p", { class: "faint" }, text)),
+    ...(rows.length ? [make("div", { class: "scroll" }, table(heads.map(capital), rows.map(tr), isNumber))] : [])];
 }
 
-/** What a decision of REMIND plus was made of: log odds by kind of evidence. */
-function drawEvidence(explained) {
-  if (!explained.candidates.length) return [];
-  const kinds = Object.keys(explained.candidates[0].parts);
-  const line = (id, name, parts, odds, probability, note) => make("tr",
-    { class: id === explained.object_id ? "decided" : "" },
-    make("td", {}, swatch(colorOf.get(id)), name),
-    ...parts.map((part) => (part ? weighed(part) : cell("\u2013"))),
-    cell(signed(odds)), cell(number(probability)), make("td", {}, note));
-  const rows = explained.candidates.map((who) => line(who.object_id, who.name,
-    kinds.map((kind) => who.parts[kind]), who.log_odds, who.probability,
-    who.held_by === null ? "" : `detection ${who.held_by} got it`));
-  rows.push(line(explained.tracklet_id, `${explained.label} ${explained.tracklet_id}, new`, kinds.map(() => 0),
-    explained.new_log_odds, explained.new_probability, ""));
-  const named = kinds.map((kind) => kind[0].toUpperCase() + kind.slice(1).replaceAll("_", " "));
-  const heads = ["Candidate", ...named, "Sum", "Probability", ""];
-  const isNumber = (column) => column && column < heads.length - 1;
-  return [make("h3", {}, `Candidates (${explained.candidates.length})`),
-    make("div", { class: "scroll" }, table(heads, rows, isNumber)),
-    make("p", { class: "faint" }, "Evidence in log odds. Mobile: of what moves of its own. " +
-      "Rivals: less, the more objects it could be. " +
-      "Moved: given back to one that may have been moved. Probability: beside all others and a new " +
-      "object, with what else is in view.")];
-}
-
-/** Evidence for something is marked, so that what was decisive meets the eye. */
-const weighed = (value) => make("td", { class: "number" },
-  value >= NOTABLE ? make("mark", {}, signed(value)) : signed(value));
-
-const gates = { none: "no", block_min_match: "no: too unlike", block_match_thr: "no: below match",
-  block_used_object: "no: locked by another", pass_match_thr: "open",
-  sets_rescue: "open: rescued by context" };
-const NOTABLE = 1; // log odds
-const signed = (value) => (value > 0 ? "+" : "") + value.toFixed(2);
-
-function drawCandidates(explained) {
-  if (!explained.candidates.length) return [];
-  const term = ({ score, weight }) => (score === null ? cell("\u2013")
-    : make("td", { class: "number" }, number(score), make("small", {}, ` \u00d7 ${number(weight)}`)));
-  const bonus = (who) => {
-    if (!who.bonus_raw && !who.backed) return cell("\u2013");
-    const added = who.bonus === who.bonus_raw ? signed(who.bonus) : `(${signed(who.bonus_raw)})`;
-    return cell(`${who.backed ? "backed " : ""}${added}`);
-  };
-  const opened = (who) => (who.veto === "none" ? gates[who.gate] : "no: ruled out by context") +
-    (who.held_by === null ? "" : `; detection ${who.held_by} got it`);
-  const terms = Object.keys(explained.candidates[0].terms);
-  const rows = explained.candidates.map((who) => make("tr",
-    { class: who.object_id === explained.object_id ? "decided" : "" },
-    make("td", {}, swatch(colorOf.get(who.object_id)), who.name),
-    make("td", {}, who.lifecycle + (who.unseen_frames ? `, unseen ${who.unseen_frames}` : "")),
-    ...terms.map((name) => term(who.terms[name])),
-    cell(number(who.visual_score)), bonus(who), cell(number(who.assignment_score)),
-    cell(number(who.final_score)), cell(who.plausible ? number(who.comparable_score) : ""),
-    make("td", {}, opened(who))));
-  const named = terms.map((name) => name[0].toUpperCase() + name.slice(1).replace("_", " "));
-  const heads = ["Candidate", "State", ...named, "Visual", "Context", "Assign", "Final", "Common",
-    "Open to assignment"];
-  const isNumber = (column) => column > 1 && column < heads.length - 1;
-  return [make("h3", {}, `Candidates (${explained.candidates.length} of ${explained.num_candidates})`),
-    make("div", { class: "scroll" }, table(heads, rows, isNumber)),
-    make("p", { class: "faint" }, "Score \u00d7 weight per channel. In parentheses: " +
-      "what context would add if it were allowed. Common: on the evidence that all candidates have.")];
-}
-
-function drawLayout(explained) {
-  return explained.known_sets.filter((known) => known.proposed_id !== null).flatMap((known) => {
-    const options = Object.keys(known.options).map(Number);
-    const name = (id) => `${explained.label} ${id}`;
-    const rows = known.voters.map((voter) => make("tr", {},
-      make("td", {}, swatch(colorOf.get(voter.object_id)), voter.name),
-      cell(number(voter.distance)), ...options.map((id) =>
-        cell(id in voter.remembered ? number(voter.remembered[id]) : "\u2013"))));
-    const heads = ["Distance to", "Now", ...options.map((id) => `${name(id)} usually`)];
-    return [make("h3", {}, `Layout, pass ${known.turn + 1}: ${words(known.status)}`),
-      make("p", { class: "faint" }, `Proposes ${name(known.proposed_id)}: score ` +
-        `${number(known.score)}, ahead by ${number(known.core_gap)}, evidence ${number(known.evidence)}`),
-      table(heads, rows, (column) => column > 0)];
-  });
-}
-
-function drawPending(explained) {
-  if (!explained.pending) return [];
-  const { kind, track_id: track } = explained.pending;
-  const options = explained.pending.options.map((option) =>
-    `${option.name} (${number(option.score)}${option.blocked ? ", held by another" : ""})`);
-  return [make("h3", {}, "Track of undecided detections"), make("p", {},
-    `${kind} track ${track}` + (options.length ? `: could be ${options.join(" or ")}` : ""))];
-}
-
-function drawContext(frame, explained) {
-  const mine = new Set(explained.candidates.map((who) => who.object_id));
-  const isMatch = explained.outcome === "match";
-  const { context } = frame;
-  const state = !context.enabled ? "off" : context.usable ? "usable" : "not usable";
-  const parts = [make("h3", {}, `Context of the frame: ${state}, quality ${number(context.quality)}`),
-    make("p", {}, "Anchors: ", frame.anchors.map((who) => `${who.name} (detection ${who.detection})`)
-      .join(", ") || "none")];
-  if (!frame.sets.length) return parts;
-  const rows = frame.sets.map((found) => make("tr", {},
-    cell(number(found.score)), cell(number(found.coverage)),
-    make("td", {}, isMatch ? (found.object_ids.includes(explained.object_id) ? "agrees" : "disagrees") : ""),
-    make("td", { class: "members" }, ...found.names.flatMap((name, place) => [
-      mine.has(found.object_ids[place]) ? make("mark", {}, name) : name,
-      place + 1 < found.names.length ? ", " : ""]))));
-  const heads = ["Score", "Covers", "", "Objects that may be in view together; candidates marked"];
-  return [...parts, table(heads, rows, (column) => column < 2)];
-}
+const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
 /** The detection that a lane of the timeline shows in a frame, -1 for none. */
 function rowOfLane(lane, position) {

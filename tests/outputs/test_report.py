@@ -3,6 +3,7 @@ import dataclasses
 import gzip
 import json
 import re
+from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from remind_jax.explanation.remind.explanation import RemindExplanation
 from remind_jax.frame import SkippedFrame
 from remind_jax.outputs import report
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import Event
 from remind_jax.outputs.writer import TRACE_NAME
 from tests.outputs.fake_run import collect, make_info, make_run, make_tracks, write_run
-from tests.outputs.traced_run import EMPTY, UNDECIDED, make_plus_run, make_traced_run
+from tests.outputs.traced_run import make_plus_run, make_traced_run
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> {{data}} \u2028 & '\""
 
@@ -130,37 +130,21 @@ def unpack(packed: dict[str, Any]) -> list[Any]:
     return [frame for block in blocks for frame in block]
 
 
-def test_every_detection_is_explained_as_in_python():
-    _, result = make_traced_run()
+@pytest.mark.parametrize("make", [lambda: make_traced_run()[1], make_plus_run])
+def test_every_detection_is_explained_as_in_python(make: Callable[[], Result]):
+    result = make()
     frames = unpack(pack(result))
     assert len(frames) == len(result)
     for tracks, frame in zip(result.tracks, frames, strict=True):
-        if not len(tracks):
-            assert frame is None
-            continue
         explained = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
-        assert [one["why"] for one in frame["detections"]] == [list(one.why) for one in explained]
-        assert [one["name"] for one in frame["detections"]] == [one.name for one in explained]
-        first = explained[0]
-        assert isinstance(first, RemindExplanation)
-        assert len(frame["anchors"]) == len(first.anchors)
-        best = first.candidates[0]
-        shown = frame["detections"][0]["candidates"][0]
-        assert (shown["object_id"], shown["gate"]) == (best.object_id, best.gate.name.lower())
-        assert abs(shown["visual_score"] - best.visual_score) <= 5e-4
-    assert not len(result.tracks[EMPTY])
-    assert frames[UNDECIDED]["detections"][0]["pending"]["kind"] == "ambiguous"
-
-
-def test_runs_of_plus_are_explained_too():
-    result = make_plus_run()
-    frames = unpack(pack(result))
-    for tracks, frame in zip(result.tracks, frames, strict=True):
-        explained = result.explain(tracks.frame_index, 0).to_json()
-        (shown,) = frame["detections"]
-        assert (shown["why"], shown["stage"]) == (explained["why"], explained["stage"])
-        assert shown["candidates"] == explained["candidates"]  # with three decimals or fewer
-    assert len(frames[3]["detections"][0]["candidates"]) == 2
+        shown = [] if frame is None else frame["detections"]
+        assert [one["why"] for one in shown] == [list(one.why) for one in explained]
+        assert [one["name"] for one in shown] == [one.name for one in explained]
+        sections = [[section["title"] for section in one["sections"]] for one in shown]
+        assert sections == [[section.title for section in one.sections()] for one in explained]
+    (candidates, *_) = frames[3]["detections"][0]["sections"]
+    assert candidates["title"].startswith("candidates")
+    assert [row[0] for row in candidates["rows"]][:2] == ["* mug 0", "  mug 1"]
 
 
 def test_a_long_run_is_explained_as_far_as_the_page_can_hold(monkeypatch):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
-from remind_jax.explanation.explanation import Explanation, lay_out
+from remind_jax.explanation.explanation import Explanation, Section
 from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.verdicts import Stage
 from remind_jax.printing.words import change, number
@@ -45,12 +45,11 @@ class PlusExplanation(Explanation):
     new_probability: float | None
     candidates: tuple[PlusCandidate, ...]  # the most probable first
 
-    def _render_details(self, width: int | None) -> Iterator[list[str]]:
-        if self.candidates:
-            yield ["candidates, evidence in log odds", *self._table(width)]
-
-    def _table(self, width: int | None) -> list[str]:
-        heads = ("candidate", *Evidence.kinds(), "sum", "probability", "")
+    def sections(self) -> Iterator[Section]:
+        """The candidates, and a new object beside them."""
+        if not self.candidates:
+            return
+        kinds = Evidence.kinds()
         rows = [
             (
                 f"{'*' if c.object_id == self.answer_id else ' '} {c.name}",
@@ -65,6 +64,8 @@ class PlusExplanation(Explanation):
         assert self.new_probability is not None
         is_new = self.answer_id == self.tracklet_id
         new = f"{'*' if is_new else ' '} {self.label} {self.tracklet_id}, new"
-        blank = [""] * len(Evidence.kinds())
+        blank = ["-"] * len(kinds)
         rows.append((new, *blank, change(self.new_log_odds), number(self.new_probability), ""))
-        return lay_out((heads, *rows), (0, len(heads) - 1), width)
+        heads = ("candidate", *(kind.replace("_", " ") for kind in kinds), "sum", "probability", "")
+        ends = (0, len(heads) - 1)
+        yield Section("candidates, evidence in log odds", (), heads, tuple(rows), ends)

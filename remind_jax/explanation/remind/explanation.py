@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Iterator
 
 from remind_jax.decision import Reason, Status
-from remind_jax.explanation.explanation import Explanation, lay_out, say_code, wrap
+from remind_jax.explanation.explanation import Explanation, Section, say_code
 from remind_jax.printing.words import change, listing, number
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
@@ -142,7 +142,6 @@ class RemindExplanation(Explanation):
 
     FORMAT = "remind-jax explanation"
     VERSION = 2
-    OF_FRAME = ("anchors", "context", "sets")
 
     score: float | None  # with what context added, can exceed 1; None: there is none
     status: Status  # of the visual scores
@@ -169,19 +168,19 @@ class RemindExplanation(Explanation):
     def _numbers(self) -> dict[str, float | None]:
         return {"score with context": self.score, "confidence": self.confidence}
 
-    def _render_details(self, width: int | None) -> Iterator[list[str]]:
+    def sections(self) -> Iterator[Section]:
+        """Candidates, surroundings, layout, and the track of undecided detections."""
         if self.candidates:
-            title = f"candidates ({len(self.candidates)} of {self.num_candidates})"
-            yield [title, *_candidates(self, width)]
-        yield _surroundings(self, width)
+            yield _candidates(self)
+        yield _surroundings(self)
         for known in self.known_sets:
             if known.proposed_id is not None:
-                yield _known_set(self, known, width)
+                yield _known_set(self, known)
         if self.pending is not None:
-            yield wrap(_pending(self.pending), width)
+            yield Section(_pending(self.pending))
 
 
-def _candidates(e: RemindExplanation, width: int | None) -> list[str]:
+def _candidates(e: RemindExplanation) -> Section:
     terms = [f"{term.replace('_', ' ')} x w" for term in e.candidates[0].terms]
     scores = ("visual", "context", "assign", "final", "common")
     heads = ("candidate", "state", *terms, *scores, "open to assignment")
@@ -199,7 +198,8 @@ def _candidates(e: RemindExplanation, width: int | None) -> list[str]:
         )
         for c in e.candidates
     ]
-    return lay_out((heads, *rows), (0, 1, len(heads) - 1), width)
+    title = f"candidates ({len(e.candidates)} of {e.num_candidates})"
+    return Section(title, (), heads, tuple(rows), (0, 1, len(heads) - 1))
 
 
 def _term(term: Term) -> str:
@@ -218,49 +218,46 @@ def _openness(c: Candidate) -> str:
     return openness if c.held_by is None else f"{openness}; detection {c.held_by} got it"
 
 
-def _surroundings(e: RemindExplanation, width: int | None) -> list[str]:
+def _surroundings(e: RemindExplanation) -> Section:
     """Anchors and sets of objects of the frame."""
     state = "off" if not e.context.enabled else "usable" if e.context.usable else "not usable"
-    lines = [f"context of the frame: {state}, quality {number(e.context.quality)}"]
     anchors = [f"{anchor.name} (detection {anchor.detection})" for anchor in e.anchors]
-    lines += wrap(f"anchors: {', '.join(anchors) or 'none'}", width)
+    lines = [f"anchors: {', '.join(anchors) or 'none'}"]
     if e.sets:
-        title = "sets of objects that explain the frame best, candidates of this detection in []"
-        lines += wrap(title, width)
+        lines.append(
+            "sets of objects that explain the frame best, candidates of this detection in []"
+        )
     mine = {candidate.object_id for candidate in e.candidates}
     for found in e.sets:
         pairs = zip(found.object_ids, found.names, strict=True)
         members = ", ".join(f"[{name}]" if i in mine else name for i, name in pairs)
-        covers = f"  {number(found.score)} (covers {number(found.coverage)}): "
-        lines += wrap(covers + members, width, indent=8)
-    return lines
+        lines.append(f"  {number(found.score)} (covers {number(found.coverage)}): {members}")
+    title = f"context of the frame: {state}, quality {number(e.context.quality)}"
+    return Section(title, tuple(lines))
 
 
-def _known_set(e: RemindExplanation, known: KnownSet, width: int | None) -> list[str]:
+def _known_set(e: RemindExplanation, known: KnownSet) -> Section:
     assert known.proposed_id is not None
     detections = listing([str(row) for row in known.detections])
     options = [f"{e.name_of(i)} ({number(score)})" for i, score in known.options.items()]
     second = "none" if known.second is None else number(known.second)
-    lines = wrap(
-        f"layout, pass {known.turn + 1}: {say_code(known.status)}; detections {detections}; in "
-        f"question {listing(options, 'or')}; proposed {e.name_of(known.proposed_id)}: score "
-        f"{number(known.score)} (second {second}), layout alone ahead by {number(known.core_gap)}, "
-        f"evidence {number(known.evidence)}",
-        width,
+    said = (
+        f"detections {detections}; in question {listing(options, 'or')}; proposed "
+        f"{e.name_of(known.proposed_id)}: score {number(known.score)} (second {second}), layout "
+        f"alone ahead by {number(known.core_gap)}, evidence {number(known.evidence)}"
     )
-    if known.voters:
-        heads = ("voter", "away now", *(f"{e.name_of(i)} usually" for i in known.options))
-        rows = [
-            (
-                f"{voter.name} (detection {voter.detection})",
-                number(voter.distance),
-                *(number(voter.remembered[i]) if i in voter.remembered else "-"
-                  for i in known.options),
-            )
-            for voter in known.voters
-        ]  # fmt: skip
-        lines += lay_out((heads, *rows), (0,), width)
-    return lines
+    heads = ("voter", "away now", *(f"{e.name_of(i)} usually" for i in known.options))
+    rows = [
+        (
+            f"{voter.name} (detection {voter.detection})",
+            number(voter.distance),
+            *(number(voter.remembered[i]) if i in voter.remembered else "-"
+              for i in known.options),
+        )
+        for voter in known.voters
+    ]  # fmt: skip
+    title = f"layout, pass {known.turn + 1}: {say_code(known.status)}"
+    return Section(title, (said,), heads, tuple(rows))
 
 
 def _pending(p: PendingTrack) -> str:
