@@ -16,7 +16,9 @@ from remind_jax.formats.rows import RowCollector, TrackRows
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics.comparison import Interval
 from remind_jax.metrics.evaluation import Evaluation, pool_evaluations, scene_intervals
-from remind_jax.metrics.run_evaluation import evaluate_run
+from remind_jax.metrics.pairing import pair_scene
+from remind_jax.metrics.run_evaluation import evaluate_pair
+from remind_jax.metrics.run_folder import number_detections
 from remind_jax.outputs.store import DETECTIONS_NAME, read_detections
 from remind_jax.sources.sampling import Sampling
 
@@ -56,8 +58,10 @@ def score(out: Path, record: Record, truth: TrackRows) -> Scored:
     folder = folder_of(out, record.regime, record.contender, record.scene)
     try:
         _, tracks = read_detections(folder / DETECTIONS_NAME)
-        strict, _ = evaluate_run(tracks, truth, undecided="strict")
-        settled, _ = evaluate_run(tracks, truth, undecided="collapse")
+        paired = pair_scene(truth, number_detections(tracks, truth.name))
+        strict, settled = (
+            evaluate_pair(paired, tracks, undecided=how)[0] for how in ("strict", "collapse")
+        )
     except RemindError as error:
         return Scored(record, error=str(error))
     return Scored(record, strict, settled)

@@ -142,7 +142,6 @@ class Eval:
             class_id=self.class_id,
             undecided=self.undecided,
             by_class=self.by_class,
-            by_object=bool(self.table) or len(self.predictions) > 1,
             min_absence_frames=self.min_absence_frames,
         )
         return evaluate_all(self.truth, self.predictions, self.format, self.truth_format, options)
@@ -163,7 +162,6 @@ class Eval:
             run.tracks,
             undecided=self.undecided,
             by_class=self.by_class,
-            by_object=bool(self.table),
             min_absence_frames=self.min_absence_frames,
             name=run.info.name,
         )

@@ -15,9 +15,7 @@ from remind_jax.files.csv_cells import write_row
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.terminal import (
     lay_out,
-    natural_widths,
     output_width,
-    table_width,
     wide_console,
 )
 
@@ -144,9 +142,8 @@ class ComparisonTable(Printable):
         """For a terminal; intervals stand under the scores.
 
         Args:
-          width: Characters per line; as wide as needed if left out. Where the methods do not fit
-            below each other with all columns, they stand beside each other; where these do not fit
-            either, the columns are shared out among several tables.
+          width: Characters per line; as wide as needed if left out. Columns that do not fit are
+            shared out among several tables.
         """
         console = wide_console(width)
         with console.capture() as capture:
@@ -159,13 +156,6 @@ class ComparisonTable(Printable):
 
         console = console or wide_console(output_width())
         lines = self._cells(escape, "[bold]{}[/bold]", "{}\n[dim]{}[/dim]")
-        beside = [list(line) for line in zip(*lines, strict=True)]
-        if (
-            table_width(natural_widths(lines))
-            > console.width
-            >= table_width(natural_widths(beside))
-        ):
-            lines = beside
         for table in lay_out(lines, console.width, self.title):
             console.print(table)
         for sentence in self.legend:

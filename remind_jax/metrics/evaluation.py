@@ -145,7 +145,7 @@ class Evaluation(Printable):
         return {name: float(np.mean(value)) for name, value in self.fields().items()}
 
     def intervals(self, **options: Any) -> Intervals:
-        """Bootstrap intervals over the objects, if their counts were kept."""
+        """Bootstrap intervals over the objects of one sequence."""
         return {} if self.by_object is None else bootstrap_families(self.by_object, **options)
 
     def to_json(self) -> dict[str, Any]:
@@ -177,7 +177,6 @@ def evaluate_sequence(
     uncertainty: UncertaintyCounts | None = None,
     num_repeated: int = 0,
     min_absence_frames: int = 1,
-    by_object: bool = False,
 ) -> Evaluation:
     """Scores one sequence; recovery by its firm answers, if these are others."""
     answers = collect_answers(sequence if firm is None else firm)
@@ -200,7 +199,7 @@ def evaluate_sequence(
         recovery=recovery,
         sizes=SizeCounts(*(np.asarray(size) for size in sizes)),
         uncertainty=uncertainty,
-        by_object=[*families, (recovery, None)] if by_object else None,
+        by_object=[*families, (recovery, None)],
     )
 
 

@@ -17,14 +17,12 @@ from jaxtyping import Bool, Int
 from remind_jax.decision import NO_ID
 from remind_jax.errors import RemindError, SourceError, nearest_names
 from remind_jax.formats.firm import keep_unique
-from remind_jax.formats.rows import TrackRows
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.metrics.collapse import collapse_frame
 from remind_jax.metrics.decisions import NO_ROW, Decisions
 from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
 from remind_jax.metrics.matching import match_detections
-from remind_jax.metrics.pairing import PairedScene, pair_scene
-from remind_jax.metrics.run_folder import number_detections
+from remind_jax.metrics.pairing import PairedScene
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.uncertainty import UncertaintyCounts, count_uncertainty
 from remind_jax.tracks import Tracks
@@ -66,7 +64,6 @@ def evaluate_tracks(
     *,
     undecided: Undecided = "strict",
     by_class: bool = False,
-    by_object: bool = False,
     min_absence_frames: int = 1,
     name: str = "run",
 ) -> Evaluation:
@@ -88,25 +85,8 @@ def evaluate_tracks(
         frames,
         undecided=undecided,
         by_class=by_class,
-        by_object=by_object,
         min_absence_frames=min_absence_frames,
     )[0]
-
-
-def evaluate_run(
-    tracks: Sequence[Tracks], truth: TrackRows, *, undecided: Undecided = "strict"
-) -> tuple[Evaluation, tuple[str, ...]]:
-    """Scores a run against truth that it did not carry itself; also notes about what was left out.
-
-    All detections are matched with the truth once, undecided ones too; firm and settled identities,
-    and how the undecided ones are to be judged, follow from that. Frames that the run did not
-    process are not evaluated.
-
-    Raises:
-      SourceError: If frames or their sizes do not fit.
-    """
-    paired = pair_scene(truth, number_detections(tracks, truth.name))
-    return evaluate_pair(paired, tracks, undecided=undecided)
 
 
 def evaluate_pair(
@@ -115,7 +95,6 @@ def evaluate_pair(
     *,
     undecided: Undecided = "strict",
     by_class: bool = False,
-    by_object: bool = False,
     min_absence_frames: int = 1,
 ) -> tuple[Evaluation, tuple[str, ...]]:
     """Scores a paired scene; also notes about what was left out."""
@@ -136,7 +115,6 @@ def evaluate_pair(
         uncertainty=None if tracks is None else _judge(paired.sequence, tracks),
         num_repeated=0 if chosen is None else chosen.num_repeated,
         min_absence_frames=min_absence_frames,
-        by_object=by_object,
     )
     if by_class:
         classes = evaluate_classes(sequence, firm_sequence, min_absence_frames)

@@ -56,7 +56,6 @@ class SceneOptions:
     class_id: int | None = None  # class to score, for text; MOT: all, MOTS: 2, if left out
     undecided: Undecided = "strict"  # what becomes of undecided detections of a run
     by_class: bool = False  # also score every class apart, where both sides name classes
-    by_object: bool = False  # keep counts by object of a single scene, for intervals over them
     min_absence_frames: int = 1  # processed frames out of view that make a return
 
 
@@ -123,8 +122,6 @@ def evaluate(
     options = options or SceneOptions()
     check_undecided(options.undecided)
     stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
-    is_alone = len(stream.partner) == 1
-    options = dataclasses.replace(options, by_object=options.by_object and is_alone)
 
     def score(scene: str, predicted: str) -> tuple[Evaluation, list[str]]:
         evaluation, notes = _score_scene(stream, scene, predicted, options)
@@ -160,7 +157,6 @@ def _score_scene(
         tracks,
         undecided=options.undecided,
         by_class=options.by_class and has_classes,
-        by_object=options.by_object,
         min_absence_frames=options.min_absence_frames,
     )
     return dataclasses.replace(evaluation, name=scene), list(left_out)
@@ -199,10 +195,8 @@ def compare(
     Raises:
       SourceError: If truth or a prediction cannot be read, or every scene of one fails.
     """
-    chosen = dataclasses.replace(options or SceneOptions(), by_object=True)
-    return table_of(
-        evaluate_all(truth, predictions, format, truth_format, chosen), num_resamples=num_resamples
-    )
+    scored = evaluate_all(truth, predictions, format, truth_format, options or SceneOptions())
+    return table_of(scored, num_resamples=num_resamples)
 
 
 def evaluate_all(

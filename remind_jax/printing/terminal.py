@@ -92,7 +92,7 @@ def lay_out(
     from rich.table import Table
 
     shown = lines if is_markup else [[escape(printable(c)) for c in line] for line in lines]
-    widths = [min(size, _MAX_FOLDED) for size in natural_widths(shown)]
+    widths = [min(size, _MAX_FOLDED) for size in _natural_widths(shown)]
     for number, columns in enumerate(split_columns(widths, width - 1, _AROUND_CELL)):
         table = Table(title=escape(title) or None if number == 0 else None, title_justify="left")
         for place in columns:
@@ -103,7 +103,7 @@ def lay_out(
         yield table
 
 
-def natural_widths(lines: Sequence[Sequence[str]]) -> list[int]:
+def _natural_widths(lines: Sequence[Sequence[str]]) -> list[int]:
     """Characters that the columns of a table take if nothing is folded, borders not counted."""
     from rich.text import Text
 
@@ -111,11 +111,6 @@ def natural_widths(lines: Sequence[Sequence[str]]) -> list[int]:
         return max((part.cell_len for part in Text.from_markup(cell).split("\n")), default=0)
 
     return [max(map(longest, column)) for column in zip(*lines, strict=True)]
-
-
-def table_width(widths: Sequence[int]) -> int:
-    """Characters of a table with columns of such widths."""
-    return 1 + sum(size + _AROUND_CELL for size in widths)
 
 
 def split_columns(widths: Sequence[int], width: int, around_cell: int) -> Iterator[tuple[int, ...]]:

@@ -27,14 +27,14 @@ def test_objects_and_remainder_add_up(seed: int):
 
 def test_intervals_hold_the_score_and_shrink_with_more_objects():
     few, many = load_case("boxes", "one_switch")[0], load_case("masks", "crowded_12x60")[0]
-    evaluation = evaluate_sequence(many, by_object=True)
+    evaluation = evaluate_sequence(many)
     intervals, scores = evaluation.intervals(num_resamples=200), evaluation.scores()
     for name in ("HOTA", "IDF1", "MOTA", "AssA"):
         low, high = intervals[name]
         assert low <= scores[name] <= high
         assert 0 < high - low < 0.5
     assert evaluation.intervals(num_resamples=200) == intervals
-    assert evaluate_sequence(few, by_object=True).intervals() == {}  # one object only
+    assert evaluate_sequence(few).intervals() == {}  # one object only
 
 
 def test_scenes_are_the_units_where_there_are_several():
@@ -42,4 +42,3 @@ def test_scenes_are_the_units_where_there_are_several():
     low, high = scene_intervals(scenes, num_resamples=300)["IDF1"]
     each = [scene.scores()["IDF1"] for scene in scenes]
     assert min(each) <= low < high <= max(each)
-    assert scene_intervals(scenes[:1]) == {}

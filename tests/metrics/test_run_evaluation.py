@@ -65,9 +65,9 @@ def truth(tmp_path: Path) -> Path:
 def test_equals_the_run_scored_alone(tmp_path: Path, truth: Path, undecided: Any):
     run = make_run()
     folder = save(tmp_path / "run", run)
-    options = SceneOptions(undecided=undecided, by_class=True, by_object=True)
+    options = SceneOptions(undecided=undecided, by_class=True)
     got = evaluate(truth, folder, options=options)
-    expected = evaluate_tracks(run, undecided=undecided, by_class=True, by_object=True)
+    expected = evaluate_tracks(run, undecided=undecided, by_class=True)
     scores = got.pooled.scores()
     for name, value in expected.scores().items():
         assert scores[name] == pytest.approx(value, abs=1e-12, nan_ok=True), name
