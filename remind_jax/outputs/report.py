@@ -25,9 +25,8 @@ from remind_jax.outputs.drawing import encode_jpeg, identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.overlay import OVERLAY_NAME, is_playable
 from remind_jax.outputs.presence import (
-    Presence,
+    ObjectHistory,
     Span,
-    find_presences,
     join_positions,
 )
 from remind_jax.outputs.result import COMPARISON_HEADS, Result
@@ -75,6 +74,10 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
     info, summary = result.info, result.summary()
     position_of = {tracks.frame_index: place for place, tracks in enumerate(result.tracks)}
     class_of = {label: number for number, label in enumerate(result.class_names)}
+
+    def places(spans: Sequence[Span]) -> list[Span]:
+        return [(position_of[first], position_of[last]) for first, last in spans]
+
     return {
         "about": ", ".join(info.facts()),
         "complete": result.complete,
@@ -93,16 +96,16 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
                 "label": row.label,
                 "name": row.title,
                 "color": to_hex(identity_color(row.object_id)),
-                "seen": row.seen,
-                "candidate": row.candidate,
-                "absences": row.absences,
-                "returns": row.returns,
+                "seen": places(row.seen),
+                "candidate": places(row.candidate),
+                "absences": places(row.absences),
+                "returns": [position_of[frame] for frame in row.returns],
                 "decided": [
-                    position_of.get(_frame_decided(result, row.object_id, place), -1)
-                    for place in row.returns
+                    position_of.get(_frame_decided(result, row.object_id, position_of[frame]), -1)
+                    for frame in row.returns
                 ],
-                "first": row.seen[0][0],
-                "last": row.seen[-1][1],
+                "first": position_of[row.first_frame],
+                "last": position_of[row.last_frame],
                 "num_frames": row.num_frames,
                 "sightings": [
                     _sighting_data(sighting)
@@ -294,9 +297,9 @@ def _to_script_json(content: dict[str, Any]) -> str:
     return text
 
 
-def by_first_sight(result: Result) -> list[Presence]:
+def by_first_sight(result: Result) -> list[ObjectHistory]:
     """All identities over time."""
-    return sorted(find_presences(result.tracks), key=lambda row: row.seen[0][0])
+    return sorted(result.objects(), key=lambda row: row.first_frame)
 
 
 def spans_with(result: Result, *outcomes: Outcome) -> tuple[Span, ...]:
