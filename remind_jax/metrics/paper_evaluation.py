@@ -98,15 +98,14 @@ def evaluate_paper(
       SourceError: If nothing can be read, or every scene failed.
     """
     stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
-    scored = stream.score(lambda s, p: _count_scene(stream, s, p))
-    rest = scored.failed, tuple(scored.notes)
-    generic = {scene: counts[-1] for scene, counts in scored.results.items()}
+    results, failed, notes = stream.score(lambda s, p: _count_scene(stream, s, p))
+    generic = {scene: counts[-1] for scene, counts in results.items()}
     if stream.predictions.format != "run":
-        return (PaperEvaluation(stream.name, generic, *rest),)
-    remind = {scene: counts[0] for scene, counts in scored.results.items()}
+        return (PaperEvaluation(stream.name, generic, failed, notes),)
+    remind = {scene: counts[0] for scene, counts in results.items()}
     return (
-        PaperEvaluation(stream.name, remind, *rest, is_remind=True),
-        PaperEvaluation(f"{stream.name}, generic formulas", generic, scored.failed),
+        PaperEvaluation(stream.name, remind, failed, notes, is_remind=True),
+        PaperEvaluation(f"{stream.name}, generic formulas", generic, failed),
     )
 
 

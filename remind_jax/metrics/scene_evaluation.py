@@ -127,10 +127,8 @@ def evaluate(
         evaluation, notes = _score_scene(stream, scene, predicted, options)
         return evaluation, _doubt_truth(evaluation) + notes
 
-    scored = stream.score(score)
-    return SetEvaluation(
-        stream.name, tuple(scored.results.values()), scored.failed, tuple(scored.notes)
-    )
+    results, failed, notes = stream.score(score)
+    return SetEvaluation(stream.name, tuple(results.values()), failed, notes)
 
 
 def _score_scene(

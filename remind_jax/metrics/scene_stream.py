@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sized
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from remind_jax.errors import RemindError, SourceError, nearest_names
 from remind_jax.metrics.opening import (
@@ -59,15 +59,6 @@ class SceneScores(Printable):
 
 
 @dataclasses.dataclass(frozen=True)
-class ScoredScenes(Generic[Score]):
-    """What was made of each scene."""
-
-    results: dict[str, Score]  # by scene
-    failed: dict[str, str]  # scene: why
-    notes: list[str]
-
-
-@dataclasses.dataclass(frozen=True)
 class SceneStream:
     """Truth and predictions of the same scenes, matched by name but not yet read."""
 
@@ -79,41 +70,44 @@ class SceneStream:
 
     def score(
         self, score_scene: Callable[[str, str], tuple[Score, list[str]]]
-    ) -> ScoredScenes[Score]:
+    ) -> tuple[dict[str, Score], dict[str, str], tuple[str, ...]]:
         """Scores all scenes, each by its names in the truth and in the predictions.
 
         `score_scene` gives a result and notes.
+
+        Returns:
+          Results by scene, why others failed by scene, and notes.
 
         Raises:
           RemindError: What a scene raised, if it is the only one.
           SourceError: If every scene failed.
         """
-        scored: ScoredScenes[Score] = ScoredScenes({}, {}, list(self.notes))
+        results: dict[str, Score] = {}
+        failed: dict[str, str] = {}
+        said = list(self.notes)
         scenes_of: dict[str, list[str]] = {}  # by note
         is_alone = len(self.partner) == 1
         for scene, predicted in self.partner.items():
             if predicted is None:
-                scored.failed[scene] = "there is no prediction of this scene"
+                failed[scene] = "there is no prediction of this scene"
                 continue
             try:
-                scored.results[scene], notes = score_scene(scene, predicted)
+                results[scene], notes = score_scene(scene, predicted)
             except RemindError as error:
                 if is_alone:
                     raise
-                scored.failed[scene] = str(error)
+                failed[scene] = str(error)
                 continue
             for note in notes:
                 scenes_of.setdefault(note, []).append(scene)
         for note, scenes in scenes_of.items():
             few = len(scenes) <= MAX_NAMED
             where = ", ".join(scenes) if few else f"{len(scenes)} scenes"
-            scored.notes.append(note if is_alone else f"{where}: {note}")
-        if not scored.results:
-            scene, why = next(iter(scored.failed.items()), ("", "there is no scene"))
-            raise SourceError(
-                f"none of {len(scored.failed)} scenes could be scored; '{scene}': {why}"
-            )
-        return scored
+            said.append(note if is_alone else f"{where}: {note}")
+        if not results:
+            scene, why = next(iter(failed.items()), ("", "there is no scene"))
+            raise SourceError(f"none of {len(failed)} scenes could be scored; '{scene}': {why}")
+        return results, failed, tuple(said)
 
 
 def open_stream(

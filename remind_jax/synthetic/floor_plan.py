@@ -35,7 +35,7 @@ def lay_out_rooms(options: SceneOptions, rng: np.random.Generator) -> tuple[Room
         if number < num_corridors:
             openings.append(Opening("east", **door))
         window_x = x + ROOM_WIDTH_M / 2 + float(rng.uniform(-0.3, 0.3))
-        window = Window("south", (window_x, 1.55), (1.2, 1.0))
+        window = Window((window_x, 1.55), (1.2, 1.0))
         seed = int(rng.integers(2**31))
         span = (x, x + ROOM_WIDTH_M), (0.0, ROOM_DEPTH_M)
         rooms.append(Room(chr(ord("A") + number), *span, _HEIGHT_M, seed, tuple(openings), window))

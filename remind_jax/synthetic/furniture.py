@@ -121,11 +121,8 @@ def _window(room: Room, rng: np.random.Generator) -> Surface:
     assert room.window is not None
     (x, z), (width, height) = room.window.center_m, room.window.size_m
     image = _paint(rng, textures.view_outside, width, height, [])
-    if room.window.wall == "north":
-        edges = (x - width / 2, room.y_m[1] - 0.01, z + height / 2), (width, 0, 0)
-    else:
-        edges = (x + width / 2, room.y_m[0] + 0.01, z + height / 2), (-width, 0, 0)
-    return quad(*edges, (0, 0, -height), image, glow=WINDOW_GLOW)
+    corner = (x + width / 2, room.y_m[0] + 0.01, z + height / 2)
+    return quad(corner, (-width, 0, 0), (0, 0, -height), image, glow=WINDOW_GLOW)
 
 
 def _table(rng: np.random.Generator, size: tuple[float, float, float]) -> list[Part]:

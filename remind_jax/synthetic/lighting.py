@@ -148,10 +148,10 @@ def _window_points(room: Room) -> list[tuple[Point, np.ndarray]]:
     if room.window is None:
         return []
     (x, z), (width, height) = room.window.center_m, room.window.size_m
-    north = room.window.wall == "north"
-    y = room.y_m[1] if north else room.y_m[0]
-    inwards = np.array([0.0, -1.0 if north else 1.0, 0.0])
-    return [((x + sign * width / 4, y, z + sign * height / 6), inwards) for sign in (-1, 1)]
+    inwards = np.array([0.0, 1.0, 0.0])
+    return [
+        ((x + sign * width / 4, room.y_m[0], z + sign * height / 6), inwards) for sign in (-1, 1)
+    ]
 
 
 def _direct(

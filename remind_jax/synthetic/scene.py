@@ -25,9 +25,8 @@ class Opening:
 
 @dataclasses.dataclass(frozen=True)
 class Window:
-    """A bright rectangle on a wall; it keeps shining when the lamps are turned down."""
+    """A bright rectangle on the south wall; it keeps shining when the lamps are turned down."""
 
-    wall: str  # "north" or "south"
     center_m: tuple[float, float]  # along the wall (x) and up (z)
     size_m: tuple[float, float]  # width, height
 
