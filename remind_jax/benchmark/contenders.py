@@ -58,11 +58,7 @@ def _make(name: str) -> Contender:
     config = load_config(name)
     short = Path(name).stem
     if short.startswith(_ABLATION):
-        return Contender(short, _ablation_title(short, config.tracker), config)
+        what = short.removeprefix(_ABLATION).removeprefix(f"{config.tracker}_")
+        title = f"{config.tracker}: {what.replace('_', ' ')}"  # `plus: no layout`
+        return Contender(short, title, config)
     return Contender(short, _TITLES.get(short, short), config)
-
-
-def _ablation_title(name: str, tracker: str) -> str:
-    """`plus: no layout`."""
-    what = name.removeprefix(_ABLATION).removeprefix(f"{tracker}_")
-    return f"{tracker}: {what.replace('_', ' ')}"

@@ -126,7 +126,9 @@ def _run_one(
     if not result.complete:
         raise KeyboardInterrupt
     result.save(folder_of(setup.out, setup.regime, contender.name, scene.name))
-    steady = [index not in _compiling_frames(result) for index in range(len(result))]
+    # The first frame, and those in which a capacity grew, compiled.
+    compiling = {*result.grown_at, *(tracks.frame_index for tracks in result.tracks[:1])}
+    steady = [index not in compiling for index in range(len(result))]
     step_ms = np.sum([_stage(result, name) for name in ("observe", "step")], axis=0)
     frame_ms = features_ms + _stage(result, "detect") + _stage(result, "masks") + step_ms
     return dataclasses.replace(
@@ -145,12 +147,6 @@ def _stage(result: Result, name: str) -> np.ndarray:
     """Milliseconds of a stage in every frame; 0 where the run has no such stage."""
     times = result.timings_ms.get(name)
     return np.zeros(len(result)) if times is None else np.asarray(times, float)
-
-
-def _compiling_frames(result: Result) -> set[int]:
-    """The first frame, and those in which a capacity grew."""
-    grown = set(result.grown_at)
-    return grown | {result.tracks[0].frame_index} if len(result) else set()
 
 
 def _mean_and_p95(stage: str, times_ms: np.ndarray) -> dict[str, float]:

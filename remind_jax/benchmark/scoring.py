@@ -81,7 +81,9 @@ def summarize(runs: Sequence[Scored]) -> tuple[dict[str, float], dict[str, Inter
     scores = pool_evaluations(strict).scores()
     scores["IDF1Settled"] = pool_evaluations(settled).scores()["IDF1"]
     scores["IDSWRate"] = scores["IDSW"] / max(1.0, scores["GT_Dets"])
-    return scores | _resources([run.record for run in done]), _intervals(strict)
+    found = scene_intervals(strict) if len(strict) >= MIN_SCENES else {}
+    intervals = {name: found[name] for name in _RESAMPLED if name in found}
+    return scores | _resources([run.record for run in done]), intervals
 
 
 def _resources(records: Sequence[Record]) -> dict[str, float]:
@@ -94,13 +96,6 @@ def _resources(records: Sequence[Record]) -> dict[str, float]:
         known = [value for r in records if (value := getattr(r, name)) is not None]
         pooled[name] = max(known, default=math.nan)
     return pooled
-
-
-def _intervals(evaluations: Sequence[Evaluation]) -> dict[str, Interval]:
-    if len(evaluations) < MIN_SCENES:
-        return {}
-    found = scene_intervals(evaluations)
-    return {name: found[name] for name in _RESAMPLED}
 
 
 def by_contender(runs: Sequence[Scored]) -> Mapping[str, list[Scored]]:

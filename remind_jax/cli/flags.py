@@ -193,7 +193,9 @@ def _read_word(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
         if info.type is Path and (wrong := check_name(words[0])):
             raise UsageError(f"the path {words[0][:40]!r} cannot be used: {wrong}")
         try:
-            if info.type in (int, float) and not _is_plain(words[0]):
+            # Python also reads 1_000, and digits of other scripts.
+            is_plain = words[0].isascii() and "_" not in words[0] and words[0] == words[0].strip()
+            if info.type in (int, float) and not is_plain:
                 raise ValueError
             return info.type(words[0])
         except ValueError:
@@ -206,11 +208,6 @@ def _read_word(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
         is_instance=lambda value: isinstance(value, info.type),
         str_from_instance=lambda value: [f"{value:g}" if info.type is float else str(value)],
     )
-
-
-def _is_plain(word: str) -> bool:
-    """Whether digits are those of this help: Python reads 1_000 and those of other scripts, too."""
-    return word.isascii() and "_" not in word and word == word.strip()
 
 
 @KINDS.primitive_rule

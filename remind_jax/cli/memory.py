@@ -20,7 +20,7 @@ from remind_jax.cli import process
 from remind_jax.cli.flags import UsageError, quiet_defaults
 from remind_jax.errors import OutputError, printable
 from remind_jax.printing.terminal import print_lines, print_table
-from remind_jax.printing.words import plural
+from remind_jax.printing.words import listing, plural
 
 if TYPE_CHECKING:
     from remind_jax.session.memory_file import SavedMemory
@@ -123,7 +123,8 @@ def _parse(words: Sequence[str]) -> tuple[str, list[int], str] | None:
         return None
     kind, *rest = words
     if kind not in _CHANGES:
-        raise UsageError(f"a memory cannot be changed by '{kind}'; give {_list_changes()}")
+        ways = listing([*_CHANGES.values()], "or")
+        raise UsageError(f"a memory cannot be changed by '{kind}'; give {ways}")
     num_ids = {"rename": 1, "join": 0}.get(kind, len(rest))
     ids, name = rest[:num_ids], rest[num_ids:]
     counts = {"rename": len(rest) == 2, "merge": len(rest) > 1}
@@ -133,11 +134,6 @@ def _parse(words: Sequence[str]) -> tuple[str, list[int], str] | None:
         said = reprlib.repr(" ".join(words))
         raise UsageError(f"{said} is no change of a memory; give {_CHANGES[kind]}")
     return kind, [int(word) for word in ids], "".join(name)
-
-
-def _list_changes() -> str:
-    *others, last = _CHANGES.values()
-    return f"{', '.join(others)}, or {last}"
 
 
 def _apply(

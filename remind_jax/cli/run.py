@@ -107,7 +107,8 @@ class Run:
         """Runs, shows progress, prints the summary; returns the exit code."""
         self.detection.check_used_by(self.detector)
         source = self._open()
-        out = self.out or DEFAULT_FOLDER / _fit_for_folder(source.name)
+        name = re.sub(r"[^\w.+-]+", "_", source.name).strip("._") or "run"
+        out = self.out or DEFAULT_FOLDER / name
         agnostic = (("input.class_agnostic=true",),) if self.class_agnostic else ()
         config = load_config_with(self.config, (*self.changes, *agnostic), tracker=self.tracker)
         from remind_jax.backbone.opening import obtain_named
@@ -217,7 +218,3 @@ def scene_options(layout: Layout, masks: Path | None, num_scenes: int = 1) -> di
             raise SourceError("--masks are those of one scene; leave out the other scenes")
         options["masks"] = "none" if str(masks) == "none" else masks  # the word is no path
     return options
-
-
-def _fit_for_folder(name: str) -> str:
-    return re.sub(r"[^\w.+-]+", "_", name).strip("._") or "run"

@@ -45,22 +45,17 @@ def summary_lines(result: Result, out: Path) -> list[str]:
         f"{plural(facts['returns'], 'return')}, "
         f"{100 * facts['undecided_share']:.1f} % of {facts['detections']} detections uncertain"
     )
+    profile = result.info.config.get("profile")
     place = "output in" if result.complete else "stopped; what was done is in"
     return [
         found,
-        *_say_profile(result),
+        *([f"thresholds by 'remind calibrate': {profile}"] if profile else []),
         *_say_known(result),
         *_say_times(facts),
         *_say_skipped(result),
         *_say_events(result),
         f"{place} {out}, open {out / 'report.html'}",
     ]
-
-
-def _say_profile(result: Result) -> list[str]:
-    """That thresholds were calibrated for the features."""
-    profile = result.info.config.get("profile")
-    return [f"thresholds by 'remind calibrate': {profile}"] if profile else []
 
 
 def _say_known(result: Result) -> list[str]:

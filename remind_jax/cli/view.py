@@ -39,6 +39,7 @@ class View:
         """Draws everything and prints the summary; returns the exit code."""
         from remind_jax.outputs.result import Result
         from remind_jax.outputs.writer import FILE_NAMES, render_again
+        from remind_jax.sources import reopen_source
 
         info = Result.load(self.run).info
         notes = []
@@ -49,19 +50,13 @@ class View:
             frames = _open_moved(info, self.source)
         else:
             try:
-                frames = _open_again(info)
+                frames = reopen_source(info.source or {"name": info.name})
             except SourceError as error:
                 frames, notes = None, [f"drawn without the frames: {error}"]
         result = render_again(self.run, frames)
         if not self.quiet:
             print_summary(result, self.run, notes)
         return process.FINE
-
-
-def _open_again(info: RunInfo) -> Source:
-    from remind_jax.sources import reopen_source
-
-    return reopen_source(info.source or {"name": info.name})
 
 
 def _open_moved(info: RunInfo, source: Path) -> Source:

@@ -32,7 +32,7 @@ def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> st
             f"base cannot be changed by {origin}; it is what values start from: give it in a file, "
             "or with --config"
         )
-    alike = _ending_in(name, known)
+    alike = [key for key in known if key.startswith(THRESHOLDS) and key.endswith(f".{name}")]
     if len(alike) == 1:
         return alike[0]
     if alike:
@@ -76,11 +76,6 @@ def how_to_choose(tracker: str) -> str:
     """What chooses a tracker: its configuration, where one is shipped."""
     option, key = ("config", "base") if tracker in list_configs() else ("tracker", "tracker")
     return f"--{option} {tracker}, or `{key}: {tracker}` in a file or in values"
-
-
-def _ending_in(name: str, keys: Collection[str]) -> list[str]:
-    """Thresholds whose last part is the name."""
-    return [key for key in keys if key.startswith(THRESHOLDS) and key.endswith(f".{name}")]
 
 
 def _owners(name: str, tracker: str) -> list[str]:

@@ -221,15 +221,18 @@ def table_of(
 
     Columns are `COLUMNS`, and how undecided answers fare where there are any.
     """
-    rows = [_row(evaluation, num_resamples) for evaluation in evaluations]
+    rows = [
+        Row(
+            one.name,
+            one.scores(),
+            one.intervals(num_resamples=num_resamples) if num_resamples else {},
+            one.failure_note,
+        )
+        for one in evaluations
+    ]
     has_soft = any(row.scores.get("FirmShare", 1.0) < 1 for row in rows)
     columns = COLUMNS + (UNCERTAIN_COLUMNS if has_soft else ())
     return ComparisonTable(rows, columns, _legend(evaluations, rows), title)
-
-
-def _row(evaluation: SetEvaluation, num_resamples: int) -> Row:
-    intervals = evaluation.intervals(num_resamples=num_resamples) if num_resamples else {}
-    return Row(evaluation.name, evaluation.scores(), intervals, evaluation.failure_note)
 
 
 def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[str, ...]:

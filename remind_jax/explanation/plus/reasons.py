@@ -142,7 +142,8 @@ def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
         waits = "no answer leads clearly, so it is not decided yet"
     if e.id_without_delay is not None:
         return f"{waits}, and more likely than not {_answer(e)}; {sure}"
-    options = [f"{c.name} ({number(c.probability)})" for c in e.candidates if _could_be(c, t)]
+    possible = [c for c in e.candidates if c.probability >= d.possible]
+    options = [f"{c.name} ({number(c.probability)})" for c in possible]
     new = f"new ({number(e.new_probability or 0.0)})"
     firm = number(d.firm)
     if e.answer_id == e.tracklet_id:
@@ -151,10 +152,6 @@ def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
         f"{waits} and no answer is likely enough ({sure}; firm from {firm}): "
         f"{listing([*options, new], 'or')}"
     )
-
-
-def _could_be(candidate: PlusCandidate, t: PlusThresholds) -> bool:
-    return candidate.probability >= t.decision.possible
 
 
 def _explain_revision(e: PlusExplanation) -> Iterator[str]:
