@@ -7,16 +7,12 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from remind_jax import synthetic
-from remind_jax.errors import OutputError
-from remind_jax.files import user_cache_folder
+from remind_jax.files import remove_unfinished, replacing_folder, user_cache_folder
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, make_scene, write_davis
 from remind_jax.synthetic.shapes import CLASSES
 
@@ -79,25 +75,15 @@ def render_tours(
     base = user_cache_folder() / "tours" if folder is None else Path(folder)
     # Another renderer or other options make other pixels, which belong into another folder.
     root = base / _fingerprint(tours)
+    remove_unfinished(root)
     for options in tours:
         if (root / options.name / "metadata.json").is_file():
             continue
         if progress is not None:
             progress(options.name)
-        _render(options, root)
+        with replacing_folder(root / options.name, root) as folder:
+            write_davis(make_scene(options), folder)
     return root
-
-
-def _render(options: SceneOptions, root: Path) -> None:
-    """Renders beside the place where a tour shows up, complete or not at all."""
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=root, prefix=".unfinished-") as unfinished:
-            made = write_davis(make_scene(options), Path(unfinished) / options.name)
-            shutil.rmtree(root / options.name, ignore_errors=True)
-            os.replace(made, root / options.name)
-    except OSError as error:
-        raise OutputError(f"cannot keep tours in '{root}': {error.strerror}") from error
 
 
 def _fingerprint(tours: tuple[SceneOptions, ...]) -> str:

@@ -177,7 +177,10 @@ def _may_be_tracks(name: str) -> bool:
 
 def print_evaluation(evaluation: SetEvaluation) -> None:
     """Prints the main scores of one set of predictions, and what went wrong."""
-    print_scores(evaluation.scores())
+    from remind_jax.metrics.evaluation import show_scores
+
+    shown = show_scores(evaluation.scores())
+    print_table([shown["heads"], *shown["rows"]], is_text=shown["is_text"])
     lines = [f"note: {note}" for note in evaluation.notes]
     if evaluation.failed:
         reasons = [f"  {scene}: {why}" for scene, why in evaluation.failed.items()]
@@ -185,14 +188,6 @@ def print_evaluation(evaluation: SetEvaluation) -> None:
     elif evaluation.num_scenes > 1:
         lines = [f"{evaluation.num_scenes} scenes, counts added", *lines]
     print_lines(lines)
-
-
-def print_scores(scores: dict[str, float]) -> None:
-    """Prints the main scores in percent and the main counts."""
-    from remind_jax.metrics.evaluation import show_scores
-
-    shown = show_scores(scores)
-    print_table([shown["heads"], *shown["rows"]], is_text=shown["is_text"])
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

@@ -202,17 +202,15 @@ class RunWriter:
     def _write_records_again(self, result: Result) -> None:
         """Detections and table of a run in which later frames changed earlier answers."""
         detections, table = self.folder / store.DETECTIONS_NAME, self.folder / CSV_NAME
-        partial = [path.with_name(f"{path.name}.part") for path in (detections, table)]
         with (
-            store.DetectionsWriter(partial[0], self._info.to_json()) as records,
-            tables.CsvWriter(partial[1]) as rows,
+            files.replacing(detections) as new_detections,
+            files.replacing(table) as new_table,
+            store.DetectionsWriter(new_detections, self._info.to_json()) as records,
+            tables.CsvWriter(new_table) as rows,
         ):
             for tracks in result.tracks:
                 records.add(tracks)
                 rows.add(tracks)
-        for path, new in zip((detections, table), partial, strict=True):
-            with files.writing(path):
-                new.replace(path)
 
     def __exit__(self, *raised: object) -> None:
         with contextlib.suppress(OutputError):
