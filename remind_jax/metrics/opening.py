@@ -98,13 +98,6 @@ def open_scenes(
     return _text_scenes(path, {path.stem: path}, found, is_truth=truth is None)
 
 
-def holds_text(path: Path) -> bool:
-    """Whether a path is a text file or a folder of such."""
-    if path.is_dir():
-        return not _find_runs(path) and bool(_find_texts(path))
-    return path.suffix.lower() not in (".json", ".xml", ".zip")
-
-
 def _open_folder(path: Path, format: Format | None, *, is_truth: bool) -> SceneSet:
     runs = _find_runs(path)
     if runs and format in (None, "run"):

@@ -13,7 +13,6 @@ from remind_jax.metrics.opening import (
     TEXT_FORMATS,
     Format,
     SceneSet,
-    holds_text,
     is_blank,
     open_scenes,
 )
@@ -128,9 +127,7 @@ def open_stream(
         if given is not None and given not in FORMATS:
             raise RemindError(f"format is '{given}'; {nearest_names(given, FORMATS)}")
     if not isinstance(truth, SceneSet):
-        if truth_format is None and format in TEXT_FORMATS and holds_text(Path(truth)):
-            truth_format = format
-        truth = _open_truth(truth, prediction, truth_format)
+        truth = _open_truth(truth, prediction, format, truth_format)
     like: Any = truth.format if truth.format in TEXT_FORMATS else None
     predictions = open_scenes(prediction, format, truth=truth, like=like)
     if {truth.format, predictions.format} == {"mots", "kitti-mots"} and format != truth_format:
@@ -164,15 +161,16 @@ def path_name(path: Path) -> str:
     return (path.stem if path.suffix.lower() in (".txt", ".json") else path.name) or str(path)
 
 
-def _open_truth(truth: str | Path, prediction: str | Path, format: Format | None) -> SceneSet:
-    """Opens truth; empty text is of the format of its predictions."""
-    opened = open_scenes(truth, format)
-    if format is not None or opened.format != "mot":
+def _open_truth(
+    truth: str | Path, prediction: str | Path, format: Format | None, truth_format: Format | None
+) -> SceneSet:
+    """Opens truth; text is as was said of predictions, empty text of the format that they have."""
+    opened = open_scenes(truth, truth_format)
+    if truth_format is not None or opened.format not in TEXT_FORMATS:
         return opened
-    if any(not is_blank(file) for file in opened.files.values()):
-        return opened
-    other = open_scenes(prediction, truth=opened)
-    return open_scenes(truth, other.format) if other.format in TEXT_FORMATS else opened
+    if format is None and all(map(is_blank, opened.files.values())):
+        format = open_scenes(prediction, truth=opened).format
+    return open_scenes(truth, format) if format in TEXT_FORMATS else opened
 
 
 def _last_part(name: str) -> str:

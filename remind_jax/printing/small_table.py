@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from remind_jax.printing.terminal import split_columns
 
 _WIDTH = 80
-_LINES, _HTML_ROWS = 12, 50  # that are shown at most
+_LINES = 12  # that are shown at most
+_NOTEBOOK_WIDTH, _NOTEBOOK_LINES = 160, 60
 _GAP = "  "
-_CELL_STYLE = "text-align:{};padding:.15em .7em .15em 0"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,26 +48,6 @@ class SmallTable:
             lines.append(f"{_GAP}and {', '.join(left_out)}")
         return "\n".join(lines)
 
-    def to_html(self) -> str:
-        """A fragment that needs no style sheet; all text is escaped."""
-        parts = [f"<p><b>{html.escape(self.title)}</b></p>"]
-        parts += [f"<p>{html.escape(fact)}</p>" for fact in self.facts]
-        if self.rows:
-            body = "".join(self._html_row(row, "td") for row in self.rows[:_HTML_ROWS])
-            head = self._html_row(self.heads, "th")
-            parts.append(f"<table><thead>{head}</thead><tbody>{body}</tbody></table>")
-        if len(self.rows) > _HTML_ROWS:
-            parts.append(f"<p>and {len(self.rows) - _HTML_ROWS} more rows</p>")
-        return f"<div>{''.join(parts)}</div>"
-
-    def _html_row(self, row: Sequence[str], tag: str) -> str:
-        cells = [
-            f'<{tag} style="{_CELL_STYLE.format("left" if place in self.is_text else "right")}">'
-            f"{html.escape(cell)}</{tag}>"
-            for place, cell in enumerate(row)
-        ]
-        return f"<tr>{''.join(cells)}</tr>"
-
 
 class Printable:
     """Shows a summary in place of all that it holds."""
@@ -79,8 +59,9 @@ class Printable:
         return self._summarize().to_text()
 
     def _repr_html_(self) -> str:
-        """What notebooks show."""
-        return self._summarize().to_html()
+        """What notebooks show: more of it."""
+        text = self._summarize().to_text(_NOTEBOOK_WIDTH, _NOTEBOOK_LINES)
+        return f"<pre>{html.escape(text)}</pre>"
 
 
 def align(row: Sequence[str], widths: Sequence[int], is_text: Sequence[int]) -> str:
