@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import html
 import json
 import re
 import reprlib
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +15,7 @@ from tyro.conf import Positional, arg
 from remind_jax import files
 from remind_jax.cli import process
 from remind_jax.cli.flags import UsageError, quiet_defaults
-from remind_jax.errors import OutputError, printable
+from remind_jax.errors import OutputError
 from remind_jax.printing.terminal import print_lines, print_table
 from remind_jax.printing.words import listing, plural
 
@@ -34,8 +31,6 @@ _CHANGES = {
     "forget": "forget ID ... (with their looks and pictures)",
     "join": "join OTHER (another memory file; what both know is merged)",
 }
-
-_SLOT = re.compile(r"\{\{(\w+)\}\}")
 
 
 @quiet_defaults
@@ -55,7 +50,7 @@ class Memory:
       remind memory runs/rooms/memory.safetensors rename 3 "my mug"
       remind memory kitchen.safetensors merge 3 17 -o corrected.safetensors
       remind memory runs/monday join runs/tuesday -o both.safetensors
-      remind memory runs/rooms --html objects.html
+      remind memory runs/rooms --pictures objects/
     """
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]  # memory file, or the folder of a run
@@ -65,7 +60,7 @@ class Memory:
     ] = ()
     # where the changed memory is written; FILE itself if left out
     out: Annotated[Path | None, arg(aliases=["-o"])] = None
-    html: Path | None = None  # write a page with the pictures of all objects
+    pictures: Path | None = None  # folder that gets the pictures of all objects, named by their ids
     overwrite: bool = False  # replace existing files other than FILE
     json: bool = False  # print the objects as JSON
     quiet: bool = False  # say nothing but errors
@@ -82,13 +77,11 @@ class Memory:
 
         path = file_in(self.file)
         joined = [] if change is None or change[0] != "join" else [file_in(Path(change[2]))]
-        for written in (self.out, self.html):
-            if written is not None:
-                files.refuse_file(written, [path, *joined])
-                if written.exists() and not self.overwrite:
-                    raise OutputError(
-                        f"'{written}' exists; name another file, or allow --overwrite"
-                    )
+        if self.out is not None:
+            files.refuse_file(self.out, [path, *joined])
+        for written in (self.out, self.pictures):
+            if written is not None and written.exists() and not self.overwrite:
+                raise OutputError(f"'{written}' exists; name another one, or allow --overwrite")
         from remind_jax.session.memory_file import load_memory, save_memory
 
         memory = load_memory(path)
@@ -105,9 +98,13 @@ class Memory:
             f"{plural(len(objects), 'object')} in {plural(memory.records.session, 'session')}, "
             f"tracker {memory.tracker}, {memory.backbone}"
         )
-        if self.html is not None:
-            page = render_memory(objects, path.parent.name or path.stem, about)
-            files.replace_file(self.html, page.encode("utf-8"))
+        if self.pictures is not None:
+            files.make_folder(self.pictures)
+            for known in objects:
+                title = re.sub(r"[^\w-]+", "_", known.title)
+                for number, jpeg in enumerate(known.pictures, 1):
+                    name = f"{known.object_id:06d}-{number}-{title[:40]}.jpg"
+                    files.replace_file(self.pictures / name, jpeg)
         if self.json:
             print(json.dumps([_facts(one) for one in objects], ensure_ascii=False, indent=1))
         elif not self.quiet:
@@ -205,42 +202,3 @@ def _print_objects(objects: Sequence[RememberedObject]) -> None:
             )
         )
     print_table(rows, is_text=(1, 2, 4, 5, 6))
-
-
-def render_memory(objects: Sequence[RememberedObject], title: str, about: str) -> str:
-    """The page as text."""
-    template = resources.files("remind_jax.cli").joinpath("memory_page.html")
-    slots = {
-        "title": _escape(title),
-        "about": _escape(about),
-        "cards": "\n".join(map(_card, objects)),
-    }
-    return _SLOT.sub(lambda match: slots[match[1]], template.read_text(encoding="utf-8"))
-
-
-def describe_sights(known: RememberedObject) -> str:
-    """How often and when an object was seen."""
-    first, last = known.first, known.last
-    return (
-        f"seen in {plural(known.num_frames, 'frame')}, first in session {first.session} "
-        f"(frame {first.frame}), last in session {last.session} (frame {last.frame})"
-    )
-
-
-def _card(known: RememberedObject) -> str:
-    views = "".join(
-        f'<img alt="{_escape(known.title)}" src="data:image/jpeg;base64,'
-        f'{base64.b64encode(jpeg).decode("ascii")}">'
-        for jpeg in known.pictures
-    )
-    named = f"{known.label} {known.object_id}; " if known.name else ""
-    merged = f"; with {', '.join(map(str, known.merged))}" if known.merged else ""
-    return (
-        f'<li><div class="views">{views or "<span>no picture</span>"}</div>'
-        f"<h2>{_escape(known.title)}</h2>"
-        f'<div class="faint">{_escape(named + describe_sights(known) + merged)}</div></li>'
-    )
-
-
-def _escape(text: str) -> str:
-    return html.escape(printable(text))

@@ -6,6 +6,7 @@ import csv
 import json
 import shutil
 
+import cv2
 import pytest
 
 import remind_jax as rj
@@ -146,15 +147,17 @@ def test_what_is_no_change_is_refused(memory, capsys):
         assert memory.read_bytes() == before
 
 
-def test_the_page_shows_names_as_text(memory, tmp_path):
-    assert main(["memory", str(memory), "rename", "1", "<b>mug</b>", "--quiet"]) == process.FINE
-    page = tmp_path / "objects.html"
-    assert main(["memory", str(memory), "--html", str(page), "--quiet"]) == process.FINE
-    text = page.read_text(encoding="utf-8")
-    assert "&lt;b&gt;mug&lt;/b&gt;" in text
-    assert "<b>" not in text
-    assert text.count("<li>") == 3
-    assert text.count("data:image/jpeg;base64,") >= 3
+def test_pictures_are_named_by_their_objects(memory, tmp_path):
+    assert main(["memory", str(memory), "rename", "1", "<b>/mug", "--quiet"]) == process.FINE
+    folder = tmp_path / "objects"
+    words = ["memory", str(memory), "--pictures", str(folder), "--quiet"]
+    assert main(words) == process.FINE
+    names = sorted(path.name for path in folder.iterdir())
+    assert {name[:8] for name in names} >= {"000000-1", "000001-1", "000002-1"}
+    assert "000001-1-_b_mug.jpg" in names
+    assert cv2.imread(str(folder / names[0])) is not None
+    assert main(words) == process.ERROR
+    assert main([*words, "--overwrite"]) == process.FINE
 
 
 def test_a_later_run_says_whom_it_met_again(memory, tmp_path, capsys):
