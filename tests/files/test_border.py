@@ -28,7 +28,6 @@ OUR_OWN = {
     "remind_jax/live_page/server.py": "the page that it serves",
     "remind_jax/outputs/overlay.py": "whether its own video can be played",
     "remind_jax/session/growing_memory.py": "the memory of the system, in /proc",
-    "remind_jax/cli/memory.py": "the page that it fills in",
 }
 
 
