@@ -80,7 +80,7 @@ def run(
 
     Args:
       source: A camera (0, "/dev/video0"), the address of a stream, a video, a folder of images, a
-        DAVIS or ScanNet++ folder, a feature file, arrays, or an iterable; see
+        DAVIS or ScanNet++ folder, arrays, or an iterable; see
         `remind_jax.sources.open_source`.
       masks: Detections kept apart from the frames; those of the source's layout if left out.
       detector: ONNX segmentation model, or a function from an RGB frame to instances; used
