@@ -62,7 +62,7 @@ TOGETHER = {
 TOGETHER |= {
     f"tests/remind/{name}.py": "tests/remind/association"
     for name in (
-        *(f"association/test_{one}" for one in ("assignment", "similarity", "switches")),
+        *(f"association/test_{one}" for one in ("similarity", "switches")),
         *(f"undecided/test_{one}" for one in ("examples", "settlement")),
     )
 }

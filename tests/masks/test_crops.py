@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.crops import Crops, cut_plane, cut_runs
-from remind_jax.masks.run_length import decode_mask, encode_masks, read_runs
+from remind_jax.crops import Crops
+from remind_jax.masks.run_length import decode_mask, encode_masks
 
 
 def blobs(seed: int, num: int = 7, size: tuple[int, int] = (90, 130)) -> np.ndarray:
@@ -42,16 +41,3 @@ def test_planes_come_back(seed):
         assert np.array_equal(decode_mask(codes[row]), mask)
         for rows, columns in ((slice(0, 90), slice(0, 130)), (slice(20, 41), slice(60, 61))):
             assert np.array_equal(crops.region(row, rows, columns), mask[rows, columns])
-
-
-@pytest.mark.parametrize("density", [0.0, 0.02, 0.5, 1.0])
-@pytest.mark.parametrize("size", [(1, 1), (7, 3), (3, 7), (40, 50)])
-def test_runs_are_cut_as_planes_are(density, size):
-    rng = np.random.default_rng(size[0])
-    for mask in rng.random((9, *size)) < density:
-        (rle,) = encode_masks(mask[None])
-        corner, window = cut_runs(read_runs(rle), size[0])
-        expected_corner, expected = cut_plane(mask)
-        assert corner == expected_corner
-        assert window.dtype == bool
-        assert np.array_equal(window, expected)

@@ -77,17 +77,6 @@ def test_nothing_is_lost_by_looking_at_the_boxes_only(masks, **options):
         np.testing.assert_array_equal(getattr(found, name), expected, err_msg=name)
 
 
-def test_geometry_of_a_box():
-    mask = blank()
-    mask[10:14, 20:29] = True
-    found = reduce(mask)
-    assert found.box[0].tolist() == [20, 10, 29, 14]
-    assert found.center[0].tolist() == [24.0, 11.5]
-    assert found.area[0] == 36
-    assert found.quality[0] == 1.0
-    np.testing.assert_array_equal(found.coverage, found.filled_coverage)
-
-
 def test_values_equal_the_original():
     """Coverage, hull, box, center and solidity recorded for three frames of `small`."""
     with np.load(load.ROOT / "perception" / "small.npz") as data:
@@ -126,51 +115,6 @@ def test_no_detections_at_all():
     assert not found.valid.any()
 
 
-def test_pixels_beyond_the_last_whole_patch_do_not_count():
-    mask = blank(43, 53)
-    mask[40:, :] = mask[:, 48:] = True
-    found = reduce(mask)
-    assert found.coverage.shape == (1, 5, 6)
-    assert not found.coverage.any()
-    assert found.valid[0]  # it is a detection all the same
-    assert found.area[0] == mask.sum()
-
-
-def hollow():
-    """A frame of 16 x 16 pixels, 4 thick, with a notch of one pixel in its outer edge."""
-    mask = blank()
-    mask[8:24, 8:24] = True
-    mask[12:20, 12:20] = False
-    mask[8, 15] = False
-    return mask
-
-
-@pytest.mark.parametrize(
-    ("options", "area"),
-    [
-        ({"sanitize": "none"}, 256 - 64 - 1),
-        ({"sanitize": "convex_hull"}, 256),
-        ({"sanitize": "morphology", "close_px": 0}, 256 - 1),  # only the hole is filled
-        ({"sanitize": "morphology", "close_px": 3}, 256),  # and the notch
-    ],
-)
-def test_sanitizing(options, area):
-    found = reduce(hollow(), **options)
-    assert found.filled_coverage[0].sum() * PATCH**2 == area
-    assert found.quality[0] == 191 / area
-    assert found.coverage[0].sum() * PATCH**2 == 191
-
-
-def test_opening_takes_thin_things_away():
-    mask = blank()
-    mask[8:24, 8:24] = True
-    mask[16, 24:40] = True
-    found = reduce(mask, sanitize="morphology", open_px=3)
-    assert found.filled_coverage[0].sum() * PATCH**2 == 256
-    assert found.quality[0] == 1.0  # nothing was added
-    assert found.area[0] == 256 + 16
-
-
 @pytest.mark.parametrize("radius", [0, 1, 3])
 def test_erosion_spares_what_touches_the_box(radius):
     """method.md#mask-geometry: all 36 pixels of a full square survive."""
@@ -179,11 +123,3 @@ def test_erosion_spares_what_touches_the_box(radius):
     reduced = reduce(mask, erosion_px=radius)
     assert reduced.area[0] == 36
     np.testing.assert_array_equal(reduced.box[0], [5, 4, 11, 10])
-
-
-def test_a_hole_open_to_the_frame_is_not_filled():
-    mask = blank()
-    mask[0:10, 0:10] = True
-    mask[0:5, 4:6] = False
-    found = reduce(mask, sanitize="morphology", close_px=0)
-    assert found.filled_coverage[0].sum() * PATCH**2 == 90

@@ -8,9 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
-from remind_jax.decision import Status
 from remind_jax.remind.association.diagnosis import Evidence, diagnose
 from remind_jax.remind.thresholds.association import Diagnosis
 
@@ -33,28 +31,6 @@ def look(
     return jax.tree.map(lambda leaf: leaf[0].item(), evidence)
 
 
-@pytest.mark.parametrize(
-    ("scores", "status", "num_close"),
-    [
-        ((), Status.WEAK, 0),
-        ((0.80,), Status.STRONG, 1),
-        ((0.79,), Status.AMBIGUOUS, 1),
-        ((0.75,), Status.AMBIGUOUS, 1),
-        ((0.74,), Status.WEAK, 1),
-        ((0.90, 0.81), Status.STRONG, 1),
-        ((0.90, 0.83), Status.AMBIGUOUS, 1),
-        ((0.90, 0.88, 0.87), Status.AMBIGUOUS, 3),
-        ((0.50, 0.49), Status.WEAK, 2),
-        ((0.0,), Status.WEAK, 1),
-    ],
-)
-def test_status(x64, scores, status, num_close):
-    evidence = look(*scores)
-    assert (evidence.status, evidence.num_close) == (status, num_close)
-    first, second = [*sorted(scores, reverse=True), 0, 0][:2]
-    assert (evidence.best_score, evidence.second_score) == (first, second)
-
-
 def test_divisors_too_small_are_replaced(x64):
     """method.md#confidence: what does not exceed `small` gives way."""
 
@@ -66,11 +42,3 @@ def test_divisors_too_small_are_replaced(x64):
     # 1 - 0.7, the room above the others, is divided by only as far as it exceeds `small`.
     wide = {"temperature": 0.7, "gap_scale": 0.7}
     assert confidence(small=0.6, **wide) == pytest.approx(confidence(**wide) * 0.3 / 0.6)
-
-
-def test_switches():
-    assert look(0.9, enabled=False).status == Status.NONE
-    assert look(0.9, confidence_enabled=False).confidence == 0.0
-
-
-scores = st.lists(st.floats(0, 1, width=32), max_size=WIDTH)

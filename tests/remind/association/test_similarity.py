@@ -11,20 +11,17 @@ import pytest
 
 from remind_jax.remind.association import similarity
 from remind_jax.remind.association.channel_scores import ChannelScores, Score
-from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import (
     AUTO,
     BACKGROUND,
     OBJECT,
     PARTS,
-    Terms,
 )
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Similarity
 from tests.statics import change_static, make_static
 
 STATIC = make_static(feature_dim=3)
-DENSE = (0.5 - 0.15) / (0.60 - 0.15)
 
 
 def rules() -> Similarity:
@@ -49,47 +46,6 @@ EXAMPLE = {
     "rings_work": score(0.70, None), "rings_stable": score(0.66, None),
     "parts_work": score(0.78), "parts_stable": score(0.71),
 }  # fmt: skip
-QUALITY = Quality(*(np.array([q]) for q in (0.5, 0.5, (0.4 + 0.5 + 2.5 / 3) / 3, DENSE, DENSE)))
-
-
-@jax.jit
-def joint(channels: ChannelScores, t: Similarity) -> tuple[dict[str, Terms], dict[str, Any]]:
-    """Terms and visual score under each policy."""
-    rules: Any = {
-        "auto": similarity._WAYS[AUTO],
-        "stable": ("stable",) * 4,
-        "work": ("work",) * 4,
-        "comparable": similarity._WAYS[similarity._NEUTRAL],
-    }
-    ways = similarity.collapse(channels, tuple(rules.values()), STATIC, t)
-    terms = {
-        name: jax.tree.map(lambda leaf, way=way: leaf[way], ways) for way, name in enumerate(rules)
-    }
-    scores = {
-        name: similarity.weighted_mean(
-            found.value,
-            found.present,
-            similarity.term_weights(QUALITY, None if name == "comparable" else found.authority, t),
-            t,
-        )
-        for name, found in terms.items()
-    }
-    return terms, scores
-
-
-@pytest.mark.parametrize(
-    ("policy", "values", "expected"),
-    [
-        ("auto", (0.82, 0.66, 0.78), 0.772517),
-        ("stable", (0.82, 0.66, 0.71), 0.767330),
-        ("work", (0.86, 0.70, 0.78), 0.811172),
-        ("comparable", (0.86, 0.70, 0.78), 0.808897),
-    ],
-)
-def test_worked_example(x64, policy, values, expected):
-    terms, scores = joint(ChannelScores(**EXAMPLE), rules())
-    np.testing.assert_allclose(terms[policy].value[:, 0, 0], values)
-    assert float(scores[policy][0, 0]) == pytest.approx(expected, abs=5e-7)  # six decimals given
 
 
 def parts(*values: float) -> dict[str, Score]:

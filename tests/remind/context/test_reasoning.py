@@ -80,28 +80,6 @@ def test_frozen_scenes_are_read_as_by_the_plain_rules():
         np.testing.assert_array_equal(found.plausible, candidate & (found.veto == Veto.NONE))
 
 
-def test_worked_example():
-    """method.md#example-company; rounded to six places."""
-    found = read_on(example())
-    hypotheses, influence = found.hypotheses, found.influence
-    assert hypotheses.valid.sum() == 7
-    sets = [set(np.flatnonzero(row)) for row in hypotheses.members[:7]]
-    assert sets[:2] == [{0, 1, 3}, {0, 3}]
-    assert {frozenset(one) for one in sets[2:4]} == {frozenset({0, 1}), frozenset({1, 3})}
-    assert all(2 in one for one in sets[4:])
-    scores = [0.632158, 0.423142, 0.408374, 0.408374, 0, 0, 0]
-    assert_close(hypotheses.score[:7], scores, atol=1e-6)
-    assert_close(influence.quality, 0.642778, atol=1e-6)
-    assert influence.global_ok
-    np.testing.assert_array_equal(np.flatnonzero(influence.shortlist), [0, 1, 3])
-    assert_close(influence.bonus_raw[:3], [0.103809, 0.115689, 0], atol=1e-6)
-    assert_close(influence.support[:3], [0.8075, 0.899916, 0], atol=1e-6)
-    assert_close(influence.compat_rel[1:3], [1, 0.146064], atol=1e-6)
-    assert_close(influence.strength[:3], [0.470257, 0.731569, 0.731569], atol=1e-6)
-    assert_close(influence.pruning[1:3], 0.5, atol=0)
-    assert not np.any(found.veto)
-
-
 def test_empty_memory():
     scene = dataclasses.replace(empty_scene(), det_class=example().det_class)
     found = read_on(scene)

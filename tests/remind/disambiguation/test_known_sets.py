@@ -8,9 +8,6 @@ from hypothesis import strategies as st
 
 from remind_jax.errors import ConfigError
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS, GroupStatus, list_injections
-from remind_jax.remind.disambiguation.known_sets import settle_known_sets
-from remind_jax.remind.memory.distances import Edges
-from remind_jax.remind.perception.relations import Contact
 from remind_jax.remind.stages import MatchOrigin
 from tests.golden.load import load_expected
 from tests.statics import make_static
@@ -20,9 +17,8 @@ from .scenes import (
     NUM_OBJECTS,
     Scene,
     graph_of,
-    known_pairs,
     load_scenes,
-    relations_of,
+    settle_all,
     settle_scenes,
     thresholds,
     undecided,
@@ -55,11 +51,6 @@ def test_frozen_scenes_are_settled_as_by_the_plain_rules():
     numbers = [number(settled.groups, name) for name in NUMBERS if name != "second"]
     np.testing.assert_allclose(np.stack(numbers, -1), expected("numbers"), atol=ROUNDING)
     np.testing.assert_allclose(settled.resolved_score, expected("resolved_score"), atol=ROUNDING)
-
-
-def test_frozen_scenes_show_every_status():
-    found = np.bincount(expected("status").ravel(), minlength=len(GroupStatus))
-    assert np.all(found >= 3), dict(zip(GroupStatus, found, strict=True))
 
 
 def test_capacities_and_padding_do_not_matter():
@@ -148,82 +139,16 @@ def test_nothing_happens(why):
     assert np.all(settled.groups.status == GroupStatus.NONE)
 
 
-def chairs_and_lamp(chair_scores):
-    """Two chairs and the lamp beside them (method.md#example-lamp): objects 0, 1 and 2."""
-    num_detections, num_objects = 4, 4
-    square, cube = (num_objects,) * 2, (num_objects,) * 3
-
-    def put(shape, cells, kind=np.float64):
-        table = np.zeros(shape, kind)
-        for cell, value in cells.items():
-            table[cell] = value
-        return table
-
-    apart = Contact.SEPARATE
-    nothing = put(square, {})
-    edges = Edges(
-        gap_count=put(square, {(0, 2): 3, (1, 2): 3}, np.int32),
-        contact_count=put((*square, 4), {(0, 2, apart): 3, (1, 2, apart): 3}, np.int32),
-        gap_mean=put(square, {(0, 2): 3.033333, (1, 2): 1.010708}),
-        center_mean=nothing,
-        support_mean=nothing,
-    )
-    nearer = put(cube, {(2, 1, 0): 3}, np.int32)
-    margin = put(cube, {(2, 0, 1): 2.022625, (2, 1, 0): 2 * 0.002598**2})
-    gaps = {(0, 2): 0.978875, (2, 0): 0.978875, (1, 2): 2.75, (2, 1): 2.75}
-    frame = (num_detections,) * 2
-    score, candidate = np.zeros((2, num_detections, num_objects))
-    score[:2, :2], score[2, 2] = chair_scores, 0.9
-    candidate[:2, :2] = candidate[2, 2] = 1
-    return Scene(
-        undecided([True, True, False, False], [[0, 1, -1], [1, 0, -1], [-1] * 3, [-1] * 3]),
-        np.array([0, 0, 1, -1], np.int32),
-        np.array([-1, -1, 2, -1], np.int32),
-        np.zeros(num_detections, np.int32),
-        candidate > 0,
-        known_pairs(score, candidate > 0),
-        np.array([True, True, True, False]),
-        relations_of(put(frame, gaps)),
-        graph_of(edges, nearer, margin),
-    )
-
-
-_settle = jax.jit(settle_known_sets, static_argnames="static")
-
-
-def settle_one(scene, t, **limits):
-    parts = {field.name: getattr(scene, field.name) for field in dataclasses.fields(scene)}
-    static = make_static(precision="float64", **limits)
-    return _settle(**parts, static=static, t=t)
-
-
-@pytest.mark.usefixtures("x64")
-def test_chairs_beside_a_lamp_change_places():
-    settled = settle_one(chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]]), thresholds())
-    digits = 2e-6  # the page gives six decimals
-    groups = settled.groups
-    np.testing.assert_array_equal(settled.resolved_slot, [1, 0, -1, -1])
-    np.testing.assert_allclose(settled.resolved_score, [0.79, 0.81, 0, 0])
-    assert settled.root[0] == 0
-    assert groups.status[0] == GroupStatus.RESOLVED
-    assert groups.num_anchors[0] == 1
-    np.testing.assert_allclose(number(groups, "evidence")[0], 0.433425, atol=digits)
-    np.testing.assert_allclose(number(groups, "core")[0], 0.650336, atol=digits)
-    np.testing.assert_allclose(number(groups, "score")[0], 0.673361, atol=digits)
-    np.testing.assert_allclose(number(groups, "second")[0], 0.196147, atol=digits)
-    np.testing.assert_allclose(number(groups, "gap")[0], 0.477213, atol=digits)
-    np.testing.assert_allclose(number(groups, "core_gap")[0], 0.563980, atol=digits)
-
-
-@pytest.mark.usefixtures("x64")
-@pytest.mark.parametrize("limits", [{"group_size": 1}, {"group_candidates": 1}])
-def test_groups_beyond_the_limits_are_skipped(limits):
-    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
-    settled = settle_one(scene, thresholds(), **limits)
-    assert settled.groups.status[0] == GroupStatus.TOO_LARGE_OR_SMALL
-    assert settled.remaining[0]
-
-
 def test_too_large_groups_are_refused():
     with pytest.raises(ConfigError, match="group_candidates"):
         list_injections(7, 9)
+
+
+@pytest.mark.parametrize("limits", [{"group_size": 1}, {"group_candidates": 1}])
+def test_groups_beyond_the_limits_are_skipped(limits):
+    static = make_static(precision="float32", **limits)
+    groups = settle_all(load_scenes("float32"), thresholds("float32"), static).groups
+    allowed = limits.get("group_size", 0)
+    is_beyond = np.asarray(groups.num_detections > allowed)
+    assert np.any(is_beyond)
+    assert np.all(groups.status[is_beyond] == GroupStatus.TOO_LARGE_OR_SMALL)

@@ -175,12 +175,3 @@ def test_bad_patches_are_left_out_everywhere(bad):
     assert d.num_patches[0] == 15
     assert d.ring_patches[0].sum() == expected.ring_patches[0].sum() - 1
     assert d.valid[0]
-
-
-def test_detection_with_bad_patches_only_is_not_valid():
-    features = random_features()
-    features[2:6, 3:7] = np.nan
-    d = describe_frame(features, one_block())
-    assert not d.valid.any()
-    assert not d.appearance_valid.any()
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(d))

@@ -41,26 +41,6 @@ def observe(boxes, gap_px=None, areas=None, centers=None, border=None, **rules):
 A, B, C = (50, 50, 110, 100), (130, 60, 160, 90), (60, 60, 80, 80)
 F, G = (112, 102, 130, 120), (280, 0, 300, 30)
 NAN = np.nan
-GAPS = np.array([
-    [NAN, 20.055, -20.0, 4.1079, NAN],
-    [20.055, NAN, NAN, NAN, NAN],
-    [-20.0, NAN, NAN, NAN, NAN],
-    [4.1079, NAN, NAN, NAN, NAN],
-    [NAN, NAN, NAN, NAN, NAN],
-])  # fmt: skip
-
-
-def test_relations_of_the_page():
-    # method.md#example-relations
-    found = observe([A, B, C, F, G], GAPS, border=[False] * 4 + [True])
-    gap = [0.473150, -0.5, 0.102698, 4.279311]
-    np.testing.assert_allclose(found.gap[0, 1:], gap, atol=FLOAT32)
-    np.testing.assert_allclose(found.center_distance[0, 1:3], [1.533521, 0.279508], atol=FLOAT32)
-    contacts = [Contact.NEAR, Contact.OVERLAP, Contact.NEAR, Contact.SEPARATE]
-    np.testing.assert_array_equal(found.contact[0, 1:], contacts)
-    np.testing.assert_allclose(found.support[0, 1:], [0, 1, 0, 0], atol=FLOAT32)
-    np.testing.assert_array_equal(found.gap_quality[0, 1:], [1, 1, 1, 1])
-    np.testing.assert_array_equal(found.truncated[0, 1:], [False, False, False, True])
 
 
 def test_boxes_stand_in_for_gaps_that_were_not_measured():
