@@ -144,14 +144,6 @@ def test_input_that_is_no_image(tmp_path, shape):
         get_backbone(f"onnx:{path}")
 
 
-def test_damaged_and_missing_files(tmp_path):
-    (tmp_path / "a.onnx").write_bytes(b"rubbish")
-    with pytest.raises(WeightsError, match="is damaged or no ONNX file"):
-        get_backbone(f"onnx:{tmp_path / 'a.onnx'}")
-    with pytest.raises(WeightsError, match="does not exist"):
-        get_backbone(f"onnx:{tmp_path / 'b.onnx'}")
-
-
 @given(
     st.sampled_from([7, 8, 14, 16, 28, 32]),
     st.integers(1, 2000),

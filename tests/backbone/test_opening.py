@@ -28,8 +28,3 @@ def test_finished_backbone():
     assert open_backbone(backbone) is backbone
     with pytest.raises(ConfigError, match="beside the finished backbone 'patch-statistics'"):
         open_backbone(backbone, weights="a.safetensors")
-
-
-def test_weights_for_what_takes_none():
-    with pytest.raises(ConfigError, match="'patch-statistics' has no option 'weights'"):
-        open_backbone("patch-statistics", weights="a.safetensors")

@@ -94,19 +94,3 @@ def test_unfit_images_are_refused_in_one_sentence(shape, dtype, message):
     with pytest.raises(SourceError, match=message) as caught:
         make_backbone().extract(np.zeros(shape, dtype))
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("patch-statistics+", "has nothing before or after a plus; leave the plus out"),
-        ("+patch-statistics", "has nothing before or after a plus"),
-        ("+", "has nothing before or after a plus"),
-        ("patch-statistics+patch-statistics", "joins 'patch-statistics' twice; name it once"),
-        ("patch-statistics+onnx:", "nothing follows 'onnx:'"),
-        ("", "there is no backbone ''; allowed: "),
-    ],
-)
-def test_what_joins_nothing_is_refused(name, said):
-    with pytest.raises(ConfigError, match=said.replace("+", r"\+")):
-        registry.check_name(name)

@@ -150,18 +150,3 @@ def test_runs_live_with_profiles_candidates_and_memory_on_disk(name, tmp_path):
     again.load(tmp_path / "memory")
     ids = tracker.update(*images[0]).object_id
     np.testing.assert_array_equal(again.update(*images[0]).object_id, ids)
-
-
-@pytest.mark.parametrize(("name", "match"), [("momentum", 0.67), ("running-mean", 0.6)])
-def test_default_takes_the_values_tuned_for_a_backbone(name, match):
-    def match_of(config, backbone):
-        return config.for_backbone(backbone).thresholds.match
-
-    config = load_config("default").with_tracker(name)
-    published = get_method(name).settings().match
-    assert match_of(config, "patch-statistics") == match
-    assert match_of(config, "dinov3-vits16") == published
-    mine = config.updated({"thresholds": {"match": 0.9}})
-    assert match_of(mine, "patch-statistics") == 0.9
-    strict = load_config("published").with_tracker(name)
-    assert match_of(strict, "patch-statistics") == published

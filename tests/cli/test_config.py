@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from remind_jax.config import Config, list_configs, load_config
-from remind_jax.config.dotted_keys import flatten
 
 
 def test_list_says_what_the_shipped_configurations_are(command):
@@ -36,21 +35,6 @@ def test_show_is_of_the_backbone_that_runs_by_default(command):
     assert shown == command("config", "show", "remind", "--backbone", "patch-statistics").stdout
 
 
-def test_describe_says_what_a_setting_means(command):
-    outcome = command("config", "describe", "match", "input.max_width_px", "--config", "published")
-    assert outcome.stdout.splitlines() == [
-        "thresholds.matching.match: 0.75 (score)",
-        "  least final score of a match",
-        "  larger: fewer matches, more that is new or undecided",
-        "  in the paper: τ_match",
-        "  in the original: association.matching.match_thr",
-        "input.max_width_px: 1280 (px)",
-        "  wider frames are reduced to this width",
-        "  larger: finer patches of wide frames, more time",
-        "  in the original: system.input_width_size",
-    ]
-
-
 def test_describe_takes_sections_and_knows_limits(command):
     outcome = command("config", "describe", "ambiguous", "--config", "remind")
     heads = [line for line in outcome.stdout.splitlines() if not line.startswith(" ")]
@@ -64,24 +48,6 @@ def test_diff_prints_keys_that_differ(command, tmp_path):
     runs = load_config("remind").for_backbone("patch-statistics").thresholds.matching.match
     assert outcome.stdout == f"thresholds.matching.match: 0.5 -> {runs}\n"
     assert command("config", "diff", "default").stdout == ""
-
-
-def test_diff_across_trackers_compares_what_both_have(command):
-    outcome = command("config", "diff", "plus", "ablation_greedy")
-    num = {
-        name: len(list(flatten(load_config(name).to_dict()["thresholds"])))
-        + len(list(flatten(load_config(name).to_dict()["static"].get("switches", {}))))
-        for name in ("plus", "remind")
-    }
-    assert outcome.stdout.splitlines() == [
-        "tracker: 'plus' -> 'remind'",
-        "input.double_overlap: 0.5 -> 0.0",
-        "static.num_detections: 32 -> 16",
-        "static.num_objects: 128 -> 64",
-        "backbone_profile: False -> True",
-        f"only in plus: {num['plus']} settings of tracker 'plus'",
-        f"only in ablation_greedy: {num['remind']} settings of tracker 'remind'",
-    ]
 
 
 def test_validate(command, tmp_path):

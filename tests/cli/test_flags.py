@@ -17,7 +17,6 @@ from remind_jax.errors import ConfigError
 from remind_jax.sources.sampling import Sampling
 
 ACTIONS = ("list", "show", "diff", "validate", "import-reference")
-INNER = ("None", "False", "STR", "INT", "FLOAT", "ENGINES", "{[", "tyro", "(default: )")
 PAGES = [(verb,) for verb in VERBS] + [("config", action) for action in ACTIONS]
 
 

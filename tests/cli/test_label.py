@@ -1,15 +1,10 @@
-import errno
 import json
 import os
-import signal
 import subprocess
 import sys
-from pathlib import Path
 
-import cv2
 import pytest
 
-from remind_jax.cli import process
 from remind_jax.cli.main import main
 from remind_jax.files import saving
 from remind_jax.metrics import evaluate
@@ -80,86 +75,6 @@ def test_a_pipe_in_place_of_the_video_is_not_waited_for(run, capsys):
 
 def words_of(run, edits, truth):
     return ["label", str(run), "--apply", str(edits), "--out", str(truth)]
-
-
-def contents(folder):
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def break_fifth(monkeypatch, place, name, break_it):
-    """Does something when a function is called for the fifth time."""
-    calls, function = [], getattr(place, name)
-
-    def call_or_break(*args):
-        calls.append(args)
-        if len(calls) == 5:
-            break_it()
-        return function(*args)
-
-    monkeypatch.setattr(place, name, call_or_break)
-
-
-def fill_disk(*args):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def press_ctrl_c():
-    # Where the tests run in the background of a shell, the signal would be ignored.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        signal.raise_signal(signal.SIGINT)
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.parametrize("is_there", [True, False])
-@pytest.mark.parametrize(
-    ("place", "name", "break_it", "code", "said"),
-    [
-        (Path, "write_bytes", fill_disk, process.ERROR, "No space left on device; nothing there"),
-        (
-            cv2,
-            "imencode",
-            lambda: signal.raise_signal(signal.SIGTERM),
-            process.TERMINATED,
-            "remind: stopped",
-        ),
-        (
-            cv2,
-            "imencode",
-            press_ctrl_c,
-            process.INTERRUPTED,
-            "remind: stopped",
-        ),
-    ],
-    ids=["full disk", "SIGTERM", "Ctrl-C"],
-)
-def test_truth_is_whole_or_as_it_was(
-    run, edits, tmp_path, place, name, break_it, code, said, is_there, monkeypatch, capsys
-):
-    truth = tmp_path / "truth"
-    words = [*words_of(run, edits, truth), "--overwrite", "--quiet"]
-    if is_there:
-        assert main(words) == 0
-    before = contents(tmp_path)
-    break_fifth(monkeypatch, place, name, break_it)
-    assert main(words) == code
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.count("\n") == 1
-    assert contents(tmp_path) == before
-    assert truth.exists() == is_there
-
-
-def test_an_older_page_is_kept_where_the_disk_is_full(run, monkeypatch, capsys):
-    assert main(["label", str(run), "--quiet"]) == 0
-    before = contents(run)
-    monkeypatch.setattr(Path, "write_bytes", fill_disk)
-    assert main(["label", str(run)]) == process.ERROR
-    told = capsys.readouterr().err
-    assert "label.html': No space left on device" in told
-    assert told.count("\n") == 1
-    assert contents(run) == before
 
 
 def test_what_a_killed_command_left_is_no_truth(run, edits, tmp_path, capsys):

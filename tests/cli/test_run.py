@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import signal
@@ -22,14 +21,6 @@ def test_run_writes_everything_and_says_what_it_found(command, scene, tmp_path):
     assert lines[-1] == "output in runs/images, open runs/images/report.html"
     written = {path.name for path in (tmp_path / "runs" / "images").iterdir()}
     assert written == {*FILE_NAMES, "memory.safetensors"}
-
-
-def test_summary_for_machines(command, scene):
-    outcome = command("run", scene[0], "--masks", scene[1], "--json", "--out", "out")
-    summary = json.loads(outcome.stdout)
-    assert (summary["frames"], summary["identities"], summary["complete"]) == (4, 3, True)
-    assert summary["out"] == "out"
-    assert {"backbone", "step", "write"} <= set(summary["ms_per_frame"])
 
 
 def test_an_earlier_run_is_replaced_only_on_request(command, scene):

@@ -125,27 +125,6 @@ def test_published_thresholds_follow_no_profile():
     assert load_config("published").for_backbone("patch-statistics") == Config()
 
 
-@pytest.mark.parametrize(
-    ("name", "keys"),
-    [
-        ("greedy", {"static.switches.assignment"}),
-        (
-            "no_background",
-            {"thresholds.perception.rings_enabled", "thresholds.similarity.background_weight"},
-        ),
-        ("no_neighbours", {"thresholds.cooccurrence.enabled", "thresholds.relations.enabled"}),
-        (
-            "no_parts",
-            {"thresholds.perception.parts_enabled", "thresholds.similarity.parts_weight"},
-        ),
-        ("no_disambiguation", {"thresholds.known_sets.enabled"}),
-    ],
-)
-def test_an_ablation_takes_one_thing_away(name, keys):
-    changed = load_config(f"ablation_{name}").difference(load_config("remind"))
-    assert {key for key, _, _ in changed} == keys
-
-
 # Steps of the ladder of benchmarks/plus.py that an ablation of plus takes away.
 ABLATED = {
     "no_layout": ["+ layout"],

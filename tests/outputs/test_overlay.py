@@ -6,7 +6,7 @@ import remind_jax as rj
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError, SourceError
 from remind_jax.outputs import overlay
-from remind_jax.outputs.drawing import NO_IMAGE_GRAY, identity_color
+from remind_jax.outputs.drawing import identity_color
 from remind_jax.outputs.overlay import OverlayVideo, draw_for_video, draw_overlay, is_playable
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_tracks
@@ -63,13 +63,6 @@ def test_a_large_frame_is_drawn_smaller_in_videos(image, monkeypatch):
     ground, color = drawn[65, 65], np.array(identity_color(4))
     assert (np.sign(drawn[40, 35] - ground) == np.sign(color - ground)).all()
     assert (drawn[63:] == ground).all()
-
-
-def test_frames_without_image_are_grey():
-    tracks = one_square(object_id=0)
-    drawn = draw_overlay(None, tracks)
-    assert drawn.shape == (200, 200, 3)
-    assert (drawn[190] == NO_IMAGE_GRAY).all()
 
 
 @pytest.mark.parametrize("size", [(4, 4), (1, 50), (60, 3)])

@@ -57,11 +57,6 @@ def test_squares_are_recognized_on_the_way_back(result):
     assert evaluate_tracks(result.tracks).scores()["IDF1"] > 0.9
 
 
-def test_the_tracker_by_name_is_the_configuration_by_name(frames, result):
-    again = rj.run(frames[:10], tracker="plus", config={"input": {"ignored_classes": []}}, delay=0)
-    assert labels(again.tracks) == labels(result.tracks[:10])
-
-
 def test_a_saved_memory_goes_on_as_if_nothing_had_happened(frames, result, tmp_path):
     first = rj.Tracker("plus")
     half = len(frames) // 2

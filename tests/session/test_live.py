@@ -29,19 +29,6 @@ def test_one_compilation_whatever_the_counts():
     assert len(tracker._memory.frame_step._prepared) == 1
 
 
-def test_after_a_warm_up_no_frame_waits():
-    tracker = Tracker(CONFIG)
-    assert tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=16) > 0.0
-    assert tracker.state is None
-    prepared = [step for *_, step in tracker._memory.frame_step._prepared]
-    assert [step.num_objects for step in prepared] == [8, 16]
-    assert [step.num_detections for step in prepared] == [4, 4]
-    for image, labels in frames(2):
-        tracker.update(image, labels)
-    assert tracker.compile_s == 0.0
-    assert [len(tracks) for tracks in (tracker.update(*frames(1)[0]),)] == [3]
-
-
 def test_a_warm_up_makes_room_for_a_crowd():
     tracker = Tracker(CONFIG)
     tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_detections=5)

@@ -202,26 +202,6 @@ def test_a_recorded_run_has_a_page_too(tmp_path, capsys):
     assert "live page: http://127.0.0.1:" in capsys.readouterr().err
 
 
-def test_what_a_live_run_keeps_in_memory_does_not_grow_with_its_frames(tmp_path):
-    """The loop keeps frames on disk; only numbers stay, some bytes per frame."""
-    from remind_jax.outputs.writer import KeptTracks
-
-    kept: list[KeptTracks] = []
-    make = KeptTracks.__init__
-
-    def count(self: KeptTracks, folder: Path | None = None) -> None:
-        make(self, folder)
-        kept.append(self)
-
-    with pytest.MonkeyPatch.context() as patch, Camera(fps=30) as camera:
-        patch.setattr(KeptTracks, "__init__", count)
-        result = run(camera, sampling={"max_frames": 6}, out=tmp_path / "out")
-    (used,) = [one for one in kept if len(one)]
-    assert (len(used), used._frames) == (6, [])
-    assert used._file is not None
-    assert len(Result.load(tmp_path / "out")) == len(result) == 6
-
-
 def test_the_loop_of_the_documentation_works(tmp_path, monkeypatch, capsys):
     page = (Path(__file__).parents[2] / "docs" / "live.md").read_text(encoding="utf-8")
     (loop,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)

@@ -56,11 +56,6 @@ def test_one_answer_may_come_in_a_list():
         detections_from([answer, answer], SIZE)
 
 
-def test_results_of_another_picture_are_refused():
-    with pytest.raises(SourceError, match=r"saw a picture of 20x10, the frame is 48x32"):
-        detections_from(ultralytics_results((10, 20), BOXES), SIZE)
-
-
 def test_results_without_detections_are_refused():
     classified = ultralytics_results(SIZE, [])
     classified.boxes = None
@@ -109,11 +104,6 @@ def test_masks_of_sam_that_are_none(segmentation, sentence):
     answer[0]["segmentation"] = segmentation
     with pytest.raises(SourceError, match=sentence):
         detections_from(answer, SIZE)
-
-
-def test_estimates_of_sam_must_be_numbers():
-    with pytest.raises(SourceError, match="scores"):
-        detections_from(sam_masks(MASKS, ["a", "b"]), SIZE)
 
 
 def test_compact_masks_of_supervision():
