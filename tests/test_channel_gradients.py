@@ -5,11 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks.gradients import Candidates, fit_weights, join_candidates, surrogate_loss
+from benchmarks.gradients import Candidates, fit_weights, surrogate_loss
 from remind_jax.config import Config
-from remind_jax.errors import SweepError
-from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_records import RunInfo
 
 THRESHOLDS = Config().thresholds
 _loss = jax.jit(surrogate_loss)
@@ -55,24 +52,3 @@ def test_a_weight_of_zero_stays_there_and_a_missing_term_does_not_count():
     assert _loss(without, weights, match, 0.05) == _loss(changed, weights, match, 0.05)
     zero = Config().updated({"thresholds": {"similarity": {"parts_weight": 0.0}}}).thresholds
     assert "similarity.parts_weight" not in fit_weights(candidates, zero, num_steps=5).setting
-
-
-def test_runs_of_different_width_are_joined():
-    one, other = made_up(10), made_up(5, seed=1)
-    narrow = Candidates(*(jnp.asarray(a)[:, :2] for a in vars(other).values()))
-    joined = join_candidates([one, narrow])
-    assert len(joined) == 15
-    assert joined.value.shape == (15, 4, 3)
-    assert not joined.shown[10:, 2:].any()
-
-
-def test_runs_without_such_candidates_are_refused():
-    from benchmarks.gradients import collect_candidates
-
-    info = RunInfo.__new__(RunInfo)
-    object.__setattr__(info, "name", "plain")
-    with pytest.raises(SweepError, match="run it with trace=True"):
-        collect_candidates(Result((), info), THRESHOLDS)
-    object.__setattr__(info, "config", {"tracker": "plus"})
-    with pytest.raises(SweepError, match="'plain' is of tracker 'plus', which has no weights"):
-        collect_candidates(Result((), info, trace=object()), THRESHOLDS)

@@ -9,7 +9,6 @@ from remind_jax.decision import Outcome
 from remind_jax.errors import RemindError, SourceError
 from remind_jax.metrics import evaluate, evaluate_tracks, pool_evaluations
 from remind_jax.tracks import Tracks
-from tests.metrics.golden import ROOT, read_json
 from tests.outputs.fake_run import make_tracks
 
 MATCH, NEW, SOFT = Outcome.MATCH, Outcome.NEW, Outcome.AMBIGUOUS
@@ -99,19 +98,6 @@ def test_bad_runs_are_refused():
     undecided: Any = "collapsed"
     with pytest.raises(RemindError, match="undecided is 'collapsed'; did you mean 'collapse'"):
         evaluate_tracks([], undecided=undecided)
-
-
-@pytest.mark.parametrize(("kind", "format"), [("boxes", "mot"), ("masks", "mots")])
-@pytest.mark.parametrize("is_named", [True, False])
-def test_files(kind: str, format: Any, is_named: bool):
-    folder = ROOT / kind / "one_switch"
-    evaluation = evaluate(
-        folder / "gt.txt", folder / "pred.txt", format=format if is_named else None
-    )
-    expected = read_json(folder / "expected.json")
-    scores = evaluation.scores()
-    assert scores["IDF1"] == expected["Identity"]["IDF1"]
-    assert scores["HOTA"] == pytest.approx(np.mean(expected["HOTA"]["HOTA"]), abs=1e-12)
 
 
 def test_unknown_formats_are_refused():

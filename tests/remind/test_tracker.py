@@ -22,7 +22,6 @@ from remind_jax.remind.memory.pending import Kind
 from remind_jax.remind.method import METHOD
 from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import TrackerState, init
-from remind_jax.static import Static
 from tests import tiny_world as world
 from tests.statics import change_static
 
@@ -304,12 +303,3 @@ def test_decisions_do_not_depend_on_compiler_options(frames, states, optimized):
     for frame, expected in zip(frames, states, strict=True):
         state = compiled(state, *frame, static=world.STATIC, thresholds=thresholds)
         assert_same(state.decisions, expected.decisions)
-
-
-@pytest.mark.slow
-def test_single_precision_decides_as_double(frames, states, x64):
-    static: Static = change_static(world.STATIC, precision="float64")
-    for ours, double in zip(states, world.run(frames, static), strict=True):
-        a, b = world.decided(ours), world.decided(double)
-        for name in ("outcome", "reason", "object_id", "option_id", "pending_id"):
-            np.testing.assert_array_equal(a[name], b[name], name)

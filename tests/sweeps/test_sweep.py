@@ -8,11 +8,8 @@ import pytest
 
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.config import load_config
-from remind_jax.config.dotted_keys import nest
-from remind_jax.decision import Outcome
 from remind_jax.errors import ConfigError, OutputError, SourceError
 from remind_jax.frame import Detections
-from remind_jax.masks.reduction import pad_masks
 from remind_jax.sources import open_source
 from remind_jax.sweeps import batches, sweep
 from remind_jax.sweeps.batches import run_batch
@@ -22,55 +19,9 @@ from remind_jax.sweeps.settings import complete
 from tests import tiny_world as world
 from tests.sweeps.tiny_sweep import CONFIG, SCENES, SETTINGS
 
-FIRM = (Outcome.MATCH, Outcome.NEW)
 # What is kept and done again does not depend on who decides.
 QUICK = {"tracker": "iou"}
 BOXES = [{"min_iou": value} for value in (0.1, 0.3, 0.5, 0.7, 0.9)]
-
-
-@pytest.fixture(scope="module")
-def swept():
-    """A sweep in two batches."""
-    return sweep(SCENES, SETTINGS, config=CONFIG, batch=4)
-
-
-def thresholds_of(setting):
-    """Thresholds of a single run."""
-    return CONFIG.updated({"thresholds": nest(setting)}).thresholds
-
-
-def firm_ids(outcome, object_id):
-    """What a setting said, decision by decision."""
-    return np.stack([outcome, np.where(np.isin(outcome, FIRM), object_id, -1)])
-
-
-@pytest.mark.slow
-def test_answers_equal_single_runs():
-    scene = load_scene(open_source(SCENES[0]), CONFIG, get_backbone("patch-statistics"))
-    frames = list(zip(scene.feats, (pad_masks(m, world.BOXES) for m in scene.masks), strict=True))
-    settings, alone = SETTINGS[:4], set()
-    same = [{**setting, "perception.trim_keep": 0.7} for setting in settings]
-    described = describe_scene(scene, world.STATIC, CONFIG.updated({"thresholds": nest(same[0])}))
-    answers, _ = run_batch(described, CONFIG, same, world.STATIC)
-    assert answers is not None
-    for index, setting in enumerate(same):
-        states = world.run(frames, thresholds=thresholds_of(setting))
-        said = firm_ids(
-            np.stack([s.decisions.outcome for s in states]),
-            np.stack([s.decisions.object_id for s in states]),
-        )
-        np.testing.assert_array_equal(
-            firm_ids(answers.outcome[:, index], answers.object_id[:, index]), said
-        )
-        alone.add(said.tobytes())
-    assert len(alone) > 1, "the settings must really differ"
-
-
-@pytest.mark.slow
-def test_capacities_grow_until_every_setting_fits(swept):
-    small = dataclasses.replace(CONFIG, static=dataclasses.replace(world.STATIC, num_objects=2))
-    grown = sweep(SCENES, SETTINGS, config=small, batch=4)
-    np.testing.assert_array_equal(grown.table(), swept.table())
 
 
 @pytest.mark.slow

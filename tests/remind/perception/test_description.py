@@ -148,6 +148,13 @@ def test_detection_without_any_selected_patch_is_valid_but_undescribed():
     assert d.patch_sum[0] > 0
 
 
+def test_parts_can_be_switched_off():
+    for is_on in (True, False):
+        d = describe_frame(random_features(), one_block(), part_min_patches=1, parts_enabled=is_on)
+        assert d.parts_valid[0].any() == is_on
+        assert d.parts.any() == is_on
+
+
 def test_rings_lie_around_the_filled_mask():
     """An L whose filled mask also covers the corner: the corner is no background."""
     coverage, filled = one_block(), one_block()

@@ -2,11 +2,39 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
+import numpy as np
+import pytest
 
-from remind_jax.decision import NUM_OPTIONS
+from remind_jax.decision import NUM_OPTIONS, Status
 from remind_jax.remind.disambiguation.groups import Undecided
-from remind_jax.remind.undecided.temporal import prefer
+from remind_jax.remind.undecided.temporal import judge, prefer
+
+AMBIGUOUS = (0.45, 0.40, 0.05, 0.10, 1e-4)  # least top and candidate score, gaps, slack
+JUDGE = jax.jit(judge)
+
+
+@pytest.mark.parametrize(
+    ("scores", "status", "near"),
+    [
+        ([], Status.WEAK, []),
+        ([0.44], Status.WEAK, [0]),
+        ([0.46], Status.STRONG, [0]),
+        ([0.80, 0.73], Status.AMBIGUOUS, [0, 1]),
+        ([0.80, 0.7195], Status.STRONG, [0]),
+        ([0.42, 0.44, 0.46], Status.AMBIGUOUS, [0, 1, 2]),
+        ([0.46, 0.39], Status.STRONG, [0]),  # below the least score of a candidate
+    ],
+)
+def test_diagnosis(x64, scores, status, near):
+    table = np.zeros((1, 3))
+    table[0, : len(scores)] = scores
+    members = np.arange(3)[None] < len(scores)
+    given_status, given_near, top = JUDGE(table, members, *map(jnp.float64, AMBIGUOUS))
+    assert int(given_status[0]) == status
+    assert np.flatnonzero(given_near[0]).tolist() == near
+    assert float(top[0]) == max(scores, default=0.0)
 
 
 def test_the_first_entry_stands():
