@@ -138,7 +138,7 @@ WRONG = {
         {"foo": 1},
     ],
     rj.open_source: [None, 5, ""],
-    lambda fps: rj.Sampling(fps=fps): ["a", 0],
+    lambda fps: rj.Sampling(fps=fps): ["a", 0, NAN],
     lambda stride: rj.Sampling(stride=stride): [0.5],
     lambda settings: rj.sweep("x", settings): [None, "a", [{"decision.new": NAN}]],
     lambda scenes: rj.sweep(scenes, [{}]): [None, [], "/nope"],

@@ -35,8 +35,3 @@ def test_a_changed_architecture_has_no_published_name():
 def test_numbers_that_contradict_each_other(change, why):
     with pytest.raises(ConfigError, match=why):
         dataclasses.replace(VARIANTS["dinov3-vits16"], **change).check()
-
-
-def test_an_unknown_name_is_answered_with_the_nearest():
-    with pytest.raises(ConfigError, match="did you mean 'dinov3-vits16'"):
-        get_variant("dinov3-vits61")

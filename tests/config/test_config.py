@@ -262,19 +262,3 @@ def test_arrays_pass_as_sweeps():
 def test_growing_doubles_until_it_fits():
     grown = Static(num_objects=64, num_detections=16).grow(num_objects=300, num_detections=5)
     assert (grown.num_objects, grown.num_detections) == (512, 16)
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "said"),
-    [
-        ("decision.new", float("nan"), "a finite number"),
-        ("decision.new", float("inf"), "a finite number"),
-        ("decision.new", 10**400, "at most 64 are allowed"),
-        ("decision.commit_age", 2**31, "it must be a whole number of at most 31 bits"),
-        ("static.num_objects", 10**9, "supported: up to 32768"),
-        ("static.num_detections", 10**9, "supported: up to 8192"),
-    ],
-)
-def test_numbers_that_nothing_can_be_computed_with_are_refused(key, value, said):
-    with pytest.raises(ConfigError, match=said):
-        load_config("default").updated({key: value})

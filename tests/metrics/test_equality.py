@@ -6,9 +6,10 @@ import pytest
 
 from remind_jax.metrics.clear import clear_scores, count_clear
 from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
-from remind_jax.metrics.hota import count_hota, hota_scores
+from remind_jax.metrics.hota import ALPHAS, count_hota, hota_scores
 from remind_jax.metrics.identity import count_identity, identity_scores
 from tests.metrics.golden import ALL_CASES, ROOT, assert_same_fields, load_case, read_json
+from tests.metrics.tables import from_frames
 
 
 @pytest.mark.parametrize(("kind", "name"), ALL_CASES)
@@ -28,3 +29,15 @@ def test_pooled_masks_equal_trackeval():
     pooled = pool_evaluations([evaluate_sequence(sequence) for sequence in sequences]).fields()
     for family in ("HOTA", "CLEAR", "Identity", "Count"):
         assert_same_fields({name: pooled[name] for name in expected[family]}, expected[family])
+
+
+def test_a_similarity_on_a_threshold_is_a_match():
+    for index, alpha in enumerate(ALPHAS):
+        sequence = from_frames([[1]], [[1]], [[[float(alpha)]]])
+        assert count_hota(sequence).true_positives.sum() == index + 1
+
+
+def test_without_truth_one_sequence_and_a_sum_differ_as_in_trackeval():
+    counts = count_clear(from_frames([[]], [[1, 2]], [[]]))
+    assert clear_scores(counts)["MOTA"] == 0
+    assert clear_scores(counts, pooled=True)["MOTA"] == -2

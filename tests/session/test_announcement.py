@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 
 import remind_jax as rj
 from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.errors import ConfigError
 from remind_jax.files.records import decode_json
 from remind_jax.outputs.result import Result
 from remind_jax.session import folder_run as session
@@ -226,11 +225,6 @@ def test_numbers_of_explanations_are_one_to_one():
 )
 def test_who_chooses(asked, configured, has_detector, after):
     assert choose_after(asked, configured, has_detector) == after
-
-
-def test_a_negative_number_is_refused():
-    with pytest.raises(ConfigError, match=r"'announce_after' is -1; give .* from 1 on"):
-        rj.run(PICTURES, announce_after=-1, **OPTIONS)
 
 
 def detect(image: np.ndarray) -> dict[str, Any]:

@@ -10,7 +10,6 @@ import types
 import pytest
 
 import remind_jax.session.progress
-from remind_jax.errors import OptionError
 from remind_jax.session.progress import Progress, RunLine, follow_run
 
 
@@ -71,11 +70,6 @@ def test_false_is_nothing_and_a_function_is_called_as_it_is(monkeypatch):
         follow(done(1))
     assert seen == [done(1)]
     assert screen.getvalue() == ""
-
-
-def test_anything_else_is_refused():
-    with pytest.raises(OptionError, match="'progress' is 'yes'; give a function"):
-        remind_jax.run([], progress="yes")  # pyright: ignore[reportArgumentType]
 
 
 class Output:

@@ -174,26 +174,6 @@ def test_progress_counts(whole):
     assert seen[-1].undecided_share == 0
 
 
-def interrupt(after: int):
-    def stop(step: Progress) -> None:
-        if step.num_done == after:
-            raise KeyboardInterrupt
-
-    return stop
-
-
-def test_interruption_keeps_what_was_done(whole, tmp_path):
-    out = tmp_path / "run"
-    result = rj.run(PICTURES, config=CONFIG, out=out, overlay=False, progress=interrupt(after=4))
-    assert not result.complete
-    assert identities(result) == identities(whole)[:4]
-    loaded = Result.load(out)
-    assert not loaded.complete
-    assert_same_decisions(loaded, result)
-    going_on = rj.run(PICTURES[4:], config=CONFIG, memory=out / MEMORY_NAME)
-    assert identities(going_on) == identities(whole)[4:]
-
-
 def test_a_source_that_fails_midway_leaves_finished_outputs(whole, tmp_path):
     def failing() -> Iterator[Any]:
         yield from itertools.islice(PICTURES, 2)
@@ -216,16 +196,6 @@ def test_an_occupied_folder_is_refused_before_anything_is_done(tmp_path):
     with pytest.raises(OutputError, match="is a file"):
         rj.run("no such video.mp4", out=tmp_path / "thesis.tex")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
-
-
-def test_a_misspelt_option_is_named():
-    with pytest.raises(ConfigError, match="run has no option 'detectr'; did you mean 'detector'"):
-        rj.run(PICTURES, detectr="yolo11n-seg.onnx")
-
-
-def test_nothing_to_track():
-    with pytest.raises(SourceError, match="has no frames"):
-        rj.run([], config=CONFIG)
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.errors import ConfigError
 from remind_jax.sources.sampling import Sampling
 
 
@@ -76,20 +75,3 @@ def test_rate_after_sampling():
     assert Sampling(fps=5).rate(30.0) == 5
     assert Sampling(fps=50).rate(30.0) == 30.0
     assert Sampling().rate(None) is None
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"fps": 0}, "'fps' is 0"),
-        ({"fps": float("nan")}, "'fps' is nan"),
-        ({"stride": 0}, "'stride' is 0"),
-        ({"start": -1}, "'start' is -1"),
-        ({"start": 5, "end": 5}, "'end' is 5"),
-        ({"max_frames": 0}, "'max_frames' is 0"),
-        ({"fps": 5, "stride": 2}, r"both 'fps' \(5\) and 'stride' \(2\)"),
-    ],
-)
-def test_bad_values_are_named(options, named):
-    with pytest.raises(ConfigError, match=named):
-        Sampling(**options)
