@@ -3,8 +3,6 @@
 A test that is skipped for a reason not named here fails the run.
 """
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -1,7 +1,5 @@
 """A real browser without a window, for the tests of pages; `needs_browser` marks them."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import shutil

@@ -8,8 +8,6 @@ prints, per trace, how many decisions agree, the first difference, and how far t
 objects agrees. Exit status 1 if any trace agrees less than `--min`.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

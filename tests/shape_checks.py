@@ -1,7 +1,5 @@
 """Shape annotations are checked while the tests run."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Capacities with the switches of the paper's tracker, both by name."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One step of a method as a function that can be jitted, scanned and vmapped."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

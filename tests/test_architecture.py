@@ -1,7 +1,5 @@
 """The map of the code names what is there, and all of it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

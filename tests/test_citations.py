@@ -1,7 +1,5 @@
 """Rules are found from code and code from rules: every address that is cited is there."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import re

@@ -1,7 +1,5 @@
 """Nothing is installed that nothing uses, and nothing is used that is not installed."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

@@ -1,7 +1,5 @@
 """The code on the pages of `docs/` runs, and its links lead somewhere."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import sys

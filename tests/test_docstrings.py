@@ -1,7 +1,5 @@
 """The examples in docstrings of the public names run, and there are some."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 

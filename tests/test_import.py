@@ -1,7 +1,5 @@
 """What importing costs, and which way dependencies point."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import os

@@ -1,7 +1,5 @@
 """The profile of a frame: kernels counted, without what runs within them, and found in the code."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 

@@ -1,7 +1,5 @@
 """Trackers by name, and that a run needs nothing else of them."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

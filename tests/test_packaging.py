@@ -1,7 +1,5 @@
 """What builds and publishes: workflows, the container file, and the lock of versions."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import tomllib

@@ -3,8 +3,6 @@
 `python tests/parity.py FOLDER` is the same for any folder of golden sequences.
 """
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

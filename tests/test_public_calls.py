@@ -1,7 +1,5 @@
 """Every public call refuses what is of another kind, shape or range in one sentence."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import functools

@@ -1,7 +1,5 @@
 """What is built: a wheel and a source archive; `first_command.sh` installs and uses the wheel."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

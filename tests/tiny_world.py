@@ -4,8 +4,6 @@ Boxes 0 and 1 look almost alike, 0 to 2 are of one class and 3 to 5 of another, 
 three looks. Which boxes are in view, where exactly and how they look is drawn for every frame.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A small made network under a name of its own, published on what stands for the hub."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import inspect

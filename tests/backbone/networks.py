@@ -1,7 +1,5 @@
 """Golden networks as converted files, made once per test run."""
 
-from __future__ import annotations
-
 import functools
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Several backbones as one: same patches, no part outweighs another."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

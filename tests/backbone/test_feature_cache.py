@@ -1,7 +1,5 @@
 """Features on disk: found again by exactly what they depend on, whole or not at all."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 

@@ -1,7 +1,5 @@
 """Exported encoders: the patch output is recognized by its shape, on real runs of tiny networks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """From what a user says to a backbone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The table of published weights: complete, well formed, and honest about what is not known."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The transformers against what the official code computes."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -1,7 +1,5 @@
 """Attention beside softmax written out in float64."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

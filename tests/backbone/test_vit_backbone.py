@@ -1,7 +1,5 @@
 """Transformers behind the registry: options, batches, preprocessing, memory."""
 
-from __future__ import annotations
-
 import functools
 
 import jax

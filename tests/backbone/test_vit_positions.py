@@ -1,7 +1,5 @@
 """Rotary tables and resampled position tables against recorded ones."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 import pytest

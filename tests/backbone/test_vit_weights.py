@@ -1,7 +1,5 @@
 """Converted files: found where they should be, and refused if anything about them is wrong."""
 
-from __future__ import annotations
-
 import json
 import struct
 

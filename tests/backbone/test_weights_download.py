@@ -1,7 +1,5 @@
 """Weights by name, from what stands for the hub."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The baselines once more, in NumPy and plain loops; `Sight` is a frame as they see it."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 

@@ -1,7 +1,5 @@
 """Every baseline against the same method in plain loops, and the contract of `methods.Method`."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -1,7 +1,5 @@
 """A data set of two tiny tours, on disk."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Runs of a benchmark for tests."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 from remind_jax.benchmark.contenders import make_contenders

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from remind_jax.benchmark.contenders import all_contenders, make_contenders

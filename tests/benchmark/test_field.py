@@ -1,7 +1,5 @@
 """Absence against recovery: what is counted, what the others get, and what is written."""
 
-from __future__ import annotations
-
 import json
 import sys
 

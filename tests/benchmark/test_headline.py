@@ -1,7 +1,5 @@
 """Figures stand on pages as they were measured, and nowhere else."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """Real clips: what is counted of returns, merges and confidence, and how clips are read."""
 
-from __future__ import annotations
-
 import gzip
 import json
 

@@ -1,7 +1,5 @@
 """What is run, kept, resumed and counted as failed, on two tiny tours."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 

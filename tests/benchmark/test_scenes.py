@@ -1,7 +1,5 @@
 """Scenes are found by layout, wherever the user keeps them."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The rendered tours: what they are, and that they are rendered once."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 

@@ -1,7 +1,5 @@
 """Identities from visit to visit, counted by hand."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

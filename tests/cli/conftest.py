@@ -1,7 +1,5 @@
 """One folder with a tiny scene, and the command as a function."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 from collections.abc import Callable

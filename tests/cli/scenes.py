@@ -1,7 +1,5 @@
 """Tiny inputs for the command line: a few objects on small frames, as files of every kind."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

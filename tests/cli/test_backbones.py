@@ -1,7 +1,5 @@
 """`remind backbones` lists what can be named, and a name is enough for a run."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

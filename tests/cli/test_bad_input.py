@@ -1,7 +1,5 @@
 """Bad input gets one sentence and exit code 1, and what was done is kept."""
 
-from __future__ import annotations
-
 import json
 import resource
 

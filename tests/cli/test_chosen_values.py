@@ -1,7 +1,5 @@
 """What is set on the command line is what runs, what is told, and what a sweep found."""
 
-from __future__ import annotations
-
 import csv
 import json
 

@@ -1,7 +1,5 @@
 """`remind config`."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

@@ -1,7 +1,5 @@
 """`remind convert`: published files become ours, all others are answered in one sentence."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """`remind demo`, on a tour of four small frames; the real one is a slow test."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`remind eval`."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """`remind run --trace` and `remind explain`, from files to sentences."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

@@ -1,7 +1,5 @@
 """Flags are read and told in the words of the shell."""
 
-from __future__ import annotations
-
 import pytest
 
 from remind_jax.cli import process

@@ -1,7 +1,5 @@
 """`remind run` of cameras and streams: what ends it, what is printed, and the page."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

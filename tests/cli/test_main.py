@@ -1,7 +1,5 @@
 """Parsing, help, exit codes of the command as a whole."""
 
-from __future__ import annotations
-
 from remind_jax import __version__
 from remind_jax.cli import main as main_module
 from remind_jax.cli import process as exit_codes

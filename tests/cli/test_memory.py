@@ -1,7 +1,5 @@
 """`remind memory`: who is remembered, and what people know better."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """What people get wrong is told in one sentence that says what to do, before any work."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 

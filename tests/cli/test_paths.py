@@ -1,7 +1,5 @@
 """Paths that nothing can have are refused in one sentence, in every verb."""
 
-from __future__ import annotations
-
 import pytest
 
 from remind_jax.cli.main import main

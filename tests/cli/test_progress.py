@@ -1,7 +1,5 @@
 """Progress bar and Ctrl-C."""
 
-from __future__ import annotations
-
 import os
 import signal
 

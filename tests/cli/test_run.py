@@ -1,7 +1,5 @@
 """`remind run` and `remind view`, from files to files."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

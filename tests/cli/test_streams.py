@@ -1,7 +1,5 @@
 """A quiet terminal stays quiet; output that goes nowhere is no defect."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`remind warmup`: what it compiles is there for the next process."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

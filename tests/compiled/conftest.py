@@ -1,7 +1,5 @@
 """Programs are kept in a folder of their own."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 

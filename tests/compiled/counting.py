@@ -1,7 +1,5 @@
 """A function that knows how often it was traced, and programs of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import jax

@@ -1,7 +1,5 @@
 """The compiled step: the results of `method.step`, and no more compilations than needed."""
 
-from __future__ import annotations
-
 import dataclasses
 from unittest import mock
 

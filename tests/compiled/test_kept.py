@@ -1,7 +1,5 @@
 """Programs on disk: found again, made anew where damaged, never in the way."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Packed trees: the same leaves again, on the host, on the device and under jit."""
 
-from __future__ import annotations
-
 import chex
 import jax
 import jax.numpy as jnp

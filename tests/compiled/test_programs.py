@@ -1,7 +1,5 @@
 """Programs: compiled once, found again only where nothing changed."""
 
-from __future__ import annotations
-
 import functools
 import gc
 import threading

@@ -1,7 +1,5 @@
 """Small valid pictures, videos, arrays, archives and networks."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -3,8 +3,6 @@
 python -m tests.corpus.fuzz --seconds 300 [--formats "configuration,memory"] [--seed 7]
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import sys

@@ -1,7 +1,5 @@
 """Headers of binary files made to claim what is not so: pictures, videos, arrays, networks."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 import struct

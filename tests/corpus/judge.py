@@ -1,7 +1,5 @@
 """What became of a case: it runs in a forked child with limits, and is judged by what it left."""
 
-from __future__ import annotations
-
 import collections
 import contextlib
 import dataclasses

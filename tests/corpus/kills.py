@@ -5,8 +5,6 @@ python -m tests.corpus.kills --kills 100 [--seed 7] [--kinds run,sweep]
 What a kill hits follows from chance and from how fast the machine is; the seed only draws the plan.
 """
 
-from __future__ import annotations
-
 import argparse
 import collections
 import dataclasses

@@ -1,7 +1,5 @@
 """Valid files made invalid, or only odd, by their structure; every change follows from a seed."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """One small valid file of every format that enters, and how a user hands it over."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools

@@ -9,8 +9,6 @@ meanwhile, with the device and what is prepared in the background; and the time 
 what its thread waited for a processor.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import functools

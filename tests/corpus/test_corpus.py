@@ -1,7 +1,5 @@
 """A quick share of the fuzzer (`make fuzz`), and that it sees what it looks for."""
 
-from __future__ import annotations
-
 import pytest
 
 from remind_jax.errors import SourceError

@@ -1,7 +1,5 @@
 """A small share of `make kills`, and that it sees what it looks for."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil

@@ -1,7 +1,5 @@
 """A share of `make soak`, and that it sees what it looks for."""
 
-from __future__ import annotations
-
 import dataclasses
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Tiny ONNX models written byte by byte, so that tests need neither `onnx` nor a real network."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

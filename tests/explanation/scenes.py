@@ -3,8 +3,6 @@
 One class `mug`; only the object channel is seen and its weight is 1, so a score is the visual one.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence

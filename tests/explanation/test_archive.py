@@ -1,7 +1,5 @@
 """The trace of a run as a file."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """Outputs never lie on inputs, whatever verb writes them; nothing is touched before."""
 
-from __future__ import annotations
-
 import pytest
 
 from remind_jax.cli.main import main

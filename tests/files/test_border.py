@@ -1,7 +1,5 @@
 """Every module that reads a file is in the table of what guards it."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Folders are locked against others, not against the dead; what these left is removed."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

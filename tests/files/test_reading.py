@@ -1,7 +1,5 @@
 """Where files that can be obtained again are kept; reading that comes to an end."""
 
-from __future__ import annotations
-
 import os
 import stat
 import sys

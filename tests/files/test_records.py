@@ -1,7 +1,5 @@
 """Structured text becomes a record, or is refused in a sentence that names file and place."""
 
-from __future__ import annotations
-
 import json
 from typing import Annotated, Any, Literal
 

@@ -1,7 +1,5 @@
 """Folders come to be whole, or not at all."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

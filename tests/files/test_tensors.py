@@ -1,7 +1,5 @@
 """Sizes that a file claims are compared before any array is read."""
 
-from __future__ import annotations
-
 import json
 import struct
 import zipfile

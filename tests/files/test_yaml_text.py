@@ -1,7 +1,5 @@
 """Numbers in YAML are what they look like, or refused."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 

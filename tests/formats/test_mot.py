@@ -1,7 +1,5 @@
 """Text as TrackEval reads it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

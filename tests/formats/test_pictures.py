@@ -1,7 +1,5 @@
 """Pictures are decoded, or refused before memory is taken; numbers of instance maps survive."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 

@@ -1,7 +1,5 @@
 """The live page in a real browser: what it shows as frames come, and what it asks for."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """The server of the live page: what it answers, whom it refuses, and what it costs the tracker."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re

@@ -1,7 +1,5 @@
 """What the live page is told, frame by frame."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import threading

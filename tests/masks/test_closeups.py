@@ -1,7 +1,5 @@
 """Pictures of single detections: as large from afar as from near, and true to the mask."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Masks as boxes: all that is made of them equals what is made of planes."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from hypothesis import given, settings

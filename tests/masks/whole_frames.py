@@ -1,7 +1,5 @@
 """Masks reduced plainly, with every operation on the whole frame: what the quick way must equal."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Golden metric cases: TrackEval's own numbers on small files, and recovery worked by hand."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

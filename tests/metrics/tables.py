@@ -1,7 +1,5 @@
 """Hand-made sequences: who is where, written as one text line per object."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every field of HOTA, CLEAR and Identity equals TrackEval's on every stored case."""
 
-from __future__ import annotations
-
 import pytest
 
 from remind_jax.metrics.clear import clear_scores, count_clear

@@ -1,7 +1,5 @@
 """The same two scenes give the same scores in every format and in every mixture of formats."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What must hold of every sequence."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

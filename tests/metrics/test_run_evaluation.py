@@ -1,7 +1,5 @@
 """A run scored against truth from elsewhere equals the run scored by the truth it carries."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Void (255) of DAVIS truth: its pixels belong to no object and to no prediction."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

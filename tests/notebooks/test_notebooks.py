@@ -4,8 +4,6 @@ The sources run here as plain scripts, with little optimisation and the programs
 compiled; `make notebooks` executes them as users do and writes the pages anew.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

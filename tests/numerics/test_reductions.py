@@ -1,7 +1,5 @@
 """Several reductions in one pass give what each gives alone."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """A small made-up run: textured rectangles that move, leave and come back."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a live run saw, kept without loss and read back as a source."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

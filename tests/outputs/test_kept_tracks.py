@@ -1,7 +1,5 @@
 """Frames of a run that goes on for days are on disk, and come back as they were."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

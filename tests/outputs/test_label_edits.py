@@ -1,7 +1,5 @@
 """Edits change labels as they say, and what they leave is truth that scores 100 against itself."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report page as people use it: in a real browser, offline, with mouse and keyboard."""
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import itertools

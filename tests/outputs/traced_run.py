@@ -1,7 +1,5 @@
 """A made-up run of up to three mugs per frame whose decisions are explained by a real trace."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from typing import Any

@@ -1,7 +1,5 @@
 """Detections, tracklets and objects of a few values, the rest empty."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

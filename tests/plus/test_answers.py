@@ -1,7 +1,5 @@
 """What is reported of each detection: firm answers, doubts, and how probable they are."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """Where looks are clear they decide, whatever stands where: no one is taken for another."""
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """One thing that a detector shows whole under one name and cropped under another."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

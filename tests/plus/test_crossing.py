@@ -1,7 +1,5 @@
 """Two of one class that pass behind each other."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

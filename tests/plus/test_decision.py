@@ -1,7 +1,5 @@
 """Known or new: the decision about one open tracklet with one candidate."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

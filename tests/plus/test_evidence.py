@@ -1,7 +1,5 @@
 """What looks, background, place and rivals say about an open tracklet and each object."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

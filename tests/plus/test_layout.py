@@ -1,7 +1,5 @@
 """What the others in view say: an arrangement is known by its members together."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

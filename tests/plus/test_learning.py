@@ -1,7 +1,5 @@
 """What decided detections teach: kept looks, births, absorbed objects, relations."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

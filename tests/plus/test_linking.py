@@ -1,7 +1,5 @@
 """Which detection goes on with which tracklet, and what becomes of tracklets."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """Crowds: memory grows with the detections of a frame, not with their square, and is foretold."""
 
-from __future__ import annotations
-
 import functools
 
 import jax

@@ -1,7 +1,5 @@
 """REMIND plus as users run it: by name, saved and resumed, with answers that wait."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

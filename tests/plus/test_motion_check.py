@@ -1,7 +1,5 @@
 """An estimated image motion is believed only where detections agree with it."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """Detections of a frame: pooled looks and backgrounds, lengths that do not depend on its size."""
 
-from __future__ import annotations
-
 import jax.numpy as jnp
 import numpy as np
 import pytest

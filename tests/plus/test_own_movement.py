@@ -1,7 +1,5 @@
 """Who moves of its own, and that it is expected elsewhere."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

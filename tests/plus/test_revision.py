@@ -1,7 +1,5 @@
 """Answers that wait for some frames, revised by what is known then."""
 
-from __future__ import annotations
-
 import dataclasses
 import types
 

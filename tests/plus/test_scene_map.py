@@ -1,7 +1,5 @@
 """Places of objects out of view, and that rounding never breaks what is known of them."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """The whole step: who is who along a wall, and what must never happen."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import operator

@@ -1,7 +1,5 @@
 """Empty places: what is decided tells where an object should be, and that it is not there."""
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 

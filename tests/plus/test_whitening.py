@@ -1,7 +1,5 @@
 """Looks are compared along what does not vary within tracklets."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """A wall of things that a camera pans along: detections of REMIND plus without any image."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import operator

@@ -1,7 +1,5 @@
 """What is written down about each detection (method.md#outcomes)."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax.numpy as jnp

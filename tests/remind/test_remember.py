@@ -1,7 +1,5 @@
 """What memory may learn from the decisions of a frame; recorded traces have the memory itself."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 from typing import Any

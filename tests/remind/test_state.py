@@ -1,7 +1,5 @@
 """The memory as a pytree: growing keeps everything, and no two leaves share a buffer."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """The account of a step: it changes nothing, and it adds up to the decisions."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import chex

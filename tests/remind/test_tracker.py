@@ -4,8 +4,6 @@ Whole numbers and decisions must agree exactly. Real ones may differ by what ano
 matrix product does to sums of float32: a few ulps, a hundred times less than `CLOSE`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -3,8 +3,6 @@
 The tracker by overlap serves here: what is announced does not depend on who decides.
 """
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """The answers about a frame: outlines of masks, and which objects a detection names."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """Memory files of earlier schemas are read as what they hold."""
 
-from __future__ import annotations
-
 import json
 
 import chex

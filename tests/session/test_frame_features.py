@@ -1,7 +1,5 @@
 """Features of the patches that a method reads, and of no others; of frames and of closeups."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

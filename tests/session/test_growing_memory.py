@@ -1,7 +1,5 @@
 """The memory on the device: growth changes no answer, an interruption loses none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

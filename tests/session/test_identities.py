@@ -1,7 +1,5 @@
 """What is told of objects: of those that became one, of other sessions, of what memory lost."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The live tracker: one compilation, warm-ups, and choices that are refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Runs of live sources: how old what is shown is, connections lost, records, and what ends them."""
 
-from __future__ import annotations
-
 import json
 import re
 import threading

@@ -1,7 +1,5 @@
 """What does not fit this machine is refused before it is compiled, and the memory goes on."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

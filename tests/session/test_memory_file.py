@@ -4,8 +4,6 @@ The step is a pure function of state, static and thresholds, so equal bits mean 
 `test_session.py` goes on from a file.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json

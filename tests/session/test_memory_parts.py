@@ -1,7 +1,5 @@
 """Memory files that are brought up to date: what changed is added, and outlives a kill anywhere."""
 
-from __future__ import annotations
-
 import dataclasses
 import logging
 import os

@@ -1,7 +1,5 @@
 """Records of objects: what is noted, said by people, written and read back."""
 
-from __future__ import annotations
-
 import json
 
 import msgspec

@@ -1,7 +1,5 @@
 """What a frame becomes on the host, without a memory."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Runs that were stopped or killed go on as if they had not been; what differs is refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 from pathlib import Path

@@ -3,8 +3,6 @@
 All runs share the compiled program of the tests of the live tracker.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import itertools
 import json

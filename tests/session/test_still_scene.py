@@ -1,7 +1,5 @@
 """A still scene keeps its identities, whatever its masks (method.md#first-view)."""
 
-from __future__ import annotations
-
 import functools
 
 import hypothesis.extra.numpy as arrays

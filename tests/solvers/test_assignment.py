@@ -4,8 +4,6 @@ Tied scores are tenths: in single precision their sums round, and ties would fal
 SciPy's double precision.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import jax

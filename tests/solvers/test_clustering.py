@@ -1,7 +1,5 @@
 """The twin must label as the host does; ties of exact sums included."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """The best pair first, held against a plain loop."""
 
-from __future__ import annotations
-
 import jax
 import numpy as np
 from hypothesis import given

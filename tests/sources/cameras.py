@@ -1,7 +1,5 @@
 """A generated camera on the loopback interface, MJPEG over HTTP, and a detector that knows it."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import socketserver

@@ -1,7 +1,5 @@
 """Small files for the tests of sources."""
 
-from __future__ import annotations
-
 import json
 import struct
 import zlib

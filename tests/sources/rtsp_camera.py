@@ -3,8 +3,6 @@
 What it says follows RFC 2326 (RTSP), RFC 3550 (RTP) and RFC 2250 (MPEG-TS in RTP).
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import socketserver

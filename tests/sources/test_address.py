@@ -1,7 +1,5 @@
 """What is an address, and what of it is shown."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Why a camera or a stream cannot be read, in one sentence; no sentence holds a password."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import socket

@@ -1,7 +1,5 @@
 """A frame with more detections than are taken is skipped and told, whatever form they come in."""
 
-from __future__ import annotations
-
 import json
 
 import cv2

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from remind_jax.errors import SourceError

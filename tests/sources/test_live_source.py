@@ -1,7 +1,5 @@
 """Streams as sources: newest frames, counted gaps, connections lost and found again."""
 
-from __future__ import annotations
-
 import gc
 import math
 import threading

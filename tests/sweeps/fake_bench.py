@@ -1,7 +1,5 @@
 """A bench without a tracker: scores are a formula of the setting, so searches are checkable."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """A sweep small enough for tests in other processes."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from remind_jax.config import Config

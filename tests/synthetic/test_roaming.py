@@ -1,7 +1,5 @@
 """Objects that fly about: each on a way of its own, gone at times, back elsewhere."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tours cut into visits."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 

@@ -1,7 +1,5 @@
 """Official tensors under Hugging Face's names, written out apart from the converter's tables."""
 
-from __future__ import annotations
-
 import numpy as np
 
 Tensors = dict[str, np.ndarray]

@@ -1,7 +1,5 @@
 """Writes `.pth` files as PyTorch does, without PyTorch: a pickle and raw storages in a zip."""
 
-from __future__ import annotations
-
 import collections
 import io
 import pickle

@@ -1,7 +1,5 @@
 """Published files become ours: every layout, every key, and every way of being wrong."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

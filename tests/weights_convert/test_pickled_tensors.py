@@ -1,7 +1,5 @@
 """`.pth` files without PyTorch: sound ones are read, all others are refused in one sentence."""
 
-from __future__ import annotations
-
 import builtins
 import os
 import pickle

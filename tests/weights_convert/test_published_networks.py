@@ -1,7 +1,5 @@
 """Files of every published network, of full size but without numbers: shapes and keys only."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

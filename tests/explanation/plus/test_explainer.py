@@ -1,7 +1,5 @@
 """Why REMIND plus decided as it did: evidence that adds up, and sentences that fit the answer."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import json

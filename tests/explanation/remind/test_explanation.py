@@ -1,7 +1,5 @@
 """The explanation as data and as text."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

@@ -1,7 +1,5 @@
 """The chain of reasons on the worked examples of method.md#example-frames and on a drawn world."""
 
-from __future__ import annotations
-
 import dataclasses
 import operator
 import re

@@ -9,8 +9,6 @@ patches); `attention_heads` (the same per head); `bf16periods_*` with rounded ro
 `pos_interp.npz`: tables resampled by three rules; `rope.npz`: rotary tables.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Mapping

@@ -9,8 +9,6 @@ thresholds of their own. Kept were frames that the switch decides otherwise, thr
 The coverage density is stored raw.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from typing import Any

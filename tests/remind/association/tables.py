@@ -4,8 +4,6 @@ Everything between the channel scores and the decisions runs as in `remind_jax.r
 perception, graphs and memory do not. All frames share one compiled program.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Status, confidence and anchors (method.md#reliable-anchors, method.md#status)."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

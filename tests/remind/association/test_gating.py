@@ -3,8 +3,6 @@
 Rules: method.md#gating, method.md#dummy-columns.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -3,8 +3,6 @@
 Rules: method.md#observation-quality, method.md#visual-score.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """From channels to one score (method.md#channel-scores, method.md#visual-score)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import jax

@@ -6,8 +6,6 @@ method.md#provisional.
 Settings are read as the original writes them, so that the import is tested as well.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

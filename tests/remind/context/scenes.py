@@ -8,8 +8,6 @@ there were not enough yet. The answers are those of an independent plain impleme
 rules that agrees with the original.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

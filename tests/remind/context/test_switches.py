@@ -6,8 +6,6 @@ Settings are read as the original writes them, so that the import is tested as w
 scenes that the switches change, drawn as those of `scenes.npz` but with other seeds.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from typing import Any

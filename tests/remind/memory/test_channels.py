@@ -1,7 +1,5 @@
 """Banks of every channel, against what plain lists made of the same drawn observations."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable

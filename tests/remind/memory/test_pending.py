@@ -3,8 +3,6 @@
 Rules: method.md#pending-joins, method.md#birth-origins.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -1,7 +1,5 @@
 """Parts by attention in the tracker: what it asks of its backbone, and when."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -1,7 +1,5 @@
 """Every switch of the perception, against values recorded from the original."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """The examples of docs/method.md, and what settings change of them."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Whole frames: frozen frames of the original's rules, and what holds for any frame."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

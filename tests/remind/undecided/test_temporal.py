@@ -1,7 +1,5 @@
 """Closeness, rankings and the temporal diagnosis (method.md#plausible-score)."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """No object in two places: of two claims the better one stands, for any frame."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
