@@ -62,7 +62,12 @@ def repeat(more: Callable[[T], Bool[Array, ""]], turn: Callable[[T], T], start: 
 
 
 def count_up(
-    stop: Int[Array, ""], turn: Callable[[Int[Array, ""], T], T], start: T, first: int = 0
+    stop: Int[Array, ""],
+    turn: Callable[[Int[Array, ""], T], T],
+    start: T,
+    first: int = 0,
+    *,
+    suits_all: bool = False,
 ) -> T:
     """Takes the turns that are numbered from `first` to `stop - 1`.
 
@@ -74,9 +79,13 @@ def count_up(
       turn: Takes the number of the turn and the state; keeps structure, shapes and types.
       start: The state before the first turn.
       first: Number of the first turn.
+      suits_all: The members of a batch that are done may take further turns, too: these change
+        nothing, or what nobody reads. So no turn chooses between whole states.
     """
 
     def take(number: Int[Array, ""], state: T) -> T:
+        if suits_all:
+            return turn(number, state)
         return _choose_in_batch(number < stop, turn(number, state), state)
 
     return lax.fori_loop(first, batch_max(stop), take, start)

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.control_flow import batch_max, in_turn
+from remind_jax.numerics.control_flow import count_up, in_turn
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Evidence, OwnEvidence, Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
@@ -144,9 +144,7 @@ def _weigh(
     first = jnp.arange(width) == 0
     # Only open rows ask, often few of many; they stand one after the other.
     is_open = jnp.any(rows.valid, axis=1)
-    # In a batch all members take the turns of the longest; what these add to others nobody reads.
-    place, num_open = count_before(is_open), batch_max(jnp.sum(is_open))
-    rounds = batch_max(t.rounds)
+    place, num_open = count_before(is_open), jnp.sum(is_open)
     open_row = rows_of(place, is_open, num)
     num_asked, room = min(num, NUM_WITNESSES), -(-num // _AT_ONCE) * _AT_ONCE
     asked = jnp.zeros((room, num_asked), jnp.int32)
@@ -162,7 +160,7 @@ def _weigh(
             said = lax.dynamic_update_slice(said, row[None, None], (k, kind, 0, 0))
         return lax.dynamic_update_index_in_dim(asked, others, k, axis=0), said
 
-    asked, said = lax.fori_loop(0, num_open, hear, (asked, said))
+    asked, said = count_up(num_open, hear, (asked, said), suits_all=True)
 
     def ask(weight: Float[Array, "N C"]) -> _Around:
         def add_up(block: Array, sums: Array) -> Array:
@@ -175,7 +173,7 @@ def _weigh(
             return lax.dynamic_update_slice_in_dim(sums, told, first, axis=0)
 
         nothing = jnp.zeros((room, kinds, width), jnp.float32)
-        sums = lax.fori_loop(0, -(-num_open // _AT_ONCE), add_up, nothing)
+        sums = count_up(-(-num_open // _AT_ONCE), add_up, nothing, suits_all=True)
         sums = jnp.where(is_open[:, None, None], sums[place], 0.0)
         lies, companions, num_related, num_usable = jnp.moveaxis(sums, 1, 0)
         lies = lies * _share(num_related, PARTNERS)
@@ -205,7 +203,7 @@ def _weigh(
     nothing = jnp.zeros_like(rows.base)
     # What is believed in the end is one more turn, in which nobody is asked again.
     start = _Around(nothing, nothing, nothing), nothing
-    return lax.fori_loop(0, rounds + 1, reconsider, start)
+    return count_up(t.rounds + 1, reconsider, start, suits_all=True)
 
 
 class _Around(NamedTuple):

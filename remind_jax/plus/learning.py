@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.control_flow import batch_max, branch
+from remind_jax.numerics.control_flow import branch, count_up
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
@@ -213,9 +213,7 @@ def keep_looks(
         return at, _keep_look(banks, scene, slot[at], read(at), jnp.any(left), t)
 
     banks = _Banks(objects.bank, objects.bank_count, objects.white_bank)
-    # In a batch all members take the turns of the longest; those that are done keep nothing more.
-    turns = batch_max(jnp.sum(keeps))
-    banks = lax.fori_loop(0, turns, keep, (jnp.int32(-1), banks))[1]
+    banks = count_up(jnp.sum(keeps), keep, (jnp.int32(-1), banks), suits_all=True)[1]
     return dataclasses.replace(
         objects, bank=banks.look, bank_count=banks.counts, white_bank=banks.white
     )

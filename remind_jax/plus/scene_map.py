@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.control_flow import batch_max
+from remind_jax.numerics.control_flow import count_up
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import forgetting_speed
@@ -223,7 +223,7 @@ def _take_block(
 
     nothing = jnp.zeros_like(rows)
     last = jnp.max(jnp.where(sure, jnp.arange(len(place)) + 1, 0))  # the others correct nothing
-    return lax.fori_loop(0, batch_max(last), correct, _Turns(position, own, nothing, nothing))
+    return count_up(last, correct, _Turns(position, own, nothing, nothing), suits_all=True)
 
 
 def _clip(

@@ -117,6 +117,15 @@ def test_what_suits_all_is_taken_by_all():
     assert "select_n" not in str(jax.make_jaxpr(jax.vmap(negate))(pred, x))
 
 
+def test_turns_that_suit_all_are_taken_by_all():
+    def double(stop):
+        return count_up(stop, lambda _, x: x * 2, jnp.float32(1), suits_all=True)
+
+    stops = jnp.array([0, 3, 1], jnp.int32)
+    assert jax.vmap(double)(stops).tolist() == [8, 8, 8]
+    assert [float(double(stop)) for stop in stops] == [1, 8, 2]
+
+
 def _root_in_turn(needed, x, shared):
     """Halves x until it is below a shared number, where needed."""
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from remind_jax.numerics.control_flow import batch_max
+from remind_jax.numerics.control_flow import count_up
 from remind_jax.numerics.slices import put_slice, take_slice
 
 _LENGTH = 16  # rows worked on at once
@@ -41,6 +41,5 @@ def by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -
             function(part(start)),
         )
 
-    # In a batch as many chunks as the fullest member needs, at the same rows of all.
     chunks = jax.lax.div(used + length - 1, jnp.int32(length))
-    return jax.lax.fori_loop(0, batch_max(chunks), step, results)
+    return count_up(chunks, step, results, suits_all=True)

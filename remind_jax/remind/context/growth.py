@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.control_flow import batch_max, count_up
+from remind_jax.numerics.control_flow import count_up
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.slices import put_slice, take_slice
 from remind_jax.remind.context.chunks import by_chunks
@@ -137,7 +137,7 @@ def join_chosen(
         def enter(place: Array, path: Array) -> Array:
             return _extend(path, _reach(path, strength[place]), entry[:, place])
 
-        path = jax.lax.fori_loop(0, batch_max(largest), enter, start.path)
+        path = count_up(largest, enter, start.path, suits_all=True)
         named = chosen[:, :, None] == jnp.arange(start.members.shape[1])
         size = start.size + jnp.sum(chosen != NO_SLOT, axis=1, dtype=jnp.int32)
         return MemberSet(start.members | jnp.any(named, axis=1), slot, size, path)

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
-from remind_jax.numerics.control_flow import batch_max
+from remind_jax.numerics.control_flow import count_up
 from remind_jax.numerics.slices import give_axis
 
 T = TypeVar("T")
@@ -91,7 +91,7 @@ def _write_in_turn(
 
         return jax.tree.map(put, memory, values)
 
-    return jax.lax.fori_loop(0, batch_max(turns), write, memory)
+    return count_up(turns, write, memory, suits_all=True)
 
 
 def _write_batch(
