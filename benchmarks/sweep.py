@@ -96,7 +96,7 @@ def measure_settings(options: argparse.Namespace) -> dict[str, Any]:
         budget = int(options.memory_gib * GIB)
         batch, num_bytes = plan_batch(described, config, static, len(settings), budget)
     compile_s = time.process_time() - start
-    _, static = run_batch(described, config, settings[:batch], static)
+    _, static = run_batch(described, config, settings[:batch], static, batch)
     first_s = time.process_time() - start
 
     run_single = single_runs(scene, settings)
@@ -110,7 +110,7 @@ def measure_settings(options: argparse.Namespace) -> dict[str, Any]:
     for turn, group in enumerate(groups):  # alternating, on the same busy machine
         chosen = [settings[i] for i in group]
         (answers, _), spent = timed(
-            lambda chosen=chosen: run_batch(described, config, chosen, static)
+            lambda chosen=chosen: run_batch(described, config, chosen, static, batch)
         )
         batches.append(spent)
         if turn < options.singles:

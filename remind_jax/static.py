@@ -13,6 +13,9 @@ from remind_jax.settings.record import setting
 MOST_OBJECTS = 32_768
 MOST_DETECTIONS = 8192
 GROWTH_STEP = 2  # capacities double when they overflow
+# Slots for objects per detection slot: each may be open in one frame, and be an object beside a new
+# one in the next.
+OBJECTS_PER_DETECTION = 2
 
 _MORE = "as relations of all pairs would not fit into memory"
 _CAPACITY = "more memory and time, the same results; grows by itself"

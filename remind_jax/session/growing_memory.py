@@ -29,7 +29,7 @@ from remind_jax.printing.words import listing, plural
 from remind_jax.session.ahead import Ahead
 from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.preparation import Prepared
-from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, Static
+from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, OBJECTS_PER_DETECTION, Static
 
 _CAPACITIES = {
     "detections": "num_detections",
@@ -39,9 +39,6 @@ _CAPACITIES = {
 
 # Share of a capacity from which on twice of it is prepared: objects stay, the rest comes and goes.
 PRESSED = {"num_detections": 3 / 4, "num_objects": 1 / 2, "num_pending": 3 / 4}
-# Slots for objects per detection slot: each may be open in one frame, and be an object beside a new
-# one in the next.
-OBJECTS_PER_DETECTION = 2
 
 # Frames after which freed memory goes back: what a compiler freed lies scattered, and a loop would
 # touch more and more of its pages.

@@ -1,12 +1,11 @@
 """Runs one scene under many settings, as many at once as memory allows.
 
-On a CPU a batch is shared between its cores: each takes its lane of settings through the frames in
-a thread of its own. Kernels of a step are too small to be shared one by one.
+On a CPU a batch is shared between its cores: each takes some settings through the frames in a
+thread of its own. Kernels of a step are too small to be shared one by one.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import threading
 from collections.abc import Iterator, Sequence
@@ -26,6 +25,7 @@ from remind_jax.sweeps.program import (
     compile_follow,
     compiled_score,
     empty_memories,
+    goes_in_turn,
     repeat,
     spread,
 )
@@ -33,15 +33,17 @@ from remind_jax.sweeps.scene_arrays import NONE, SceneFrames
 from remind_jax.sweeps.settings import Setting, stack
 
 FRAMES_AT_ONCE = 16  # frames per call of the compiled program; scenes of all lengths share it
-# On a CPU more settings side by side in a lane gain nothing: their memories leave the caches.
+# On a CPU more settings side by side on a core gain nothing: their memories leave the caches.
 _MOST = {"cpu": 16}
+# One after the other they gain nothing at all, so that results come early.
+_MOST_IN_TURN = 4
 _COPIES = 3.0  # memories that the program holds per setting, before it is measured
 _LABELS_PER_SLOT = 2  # different ids at most, per object slot
 _FEWEST_OBJECTS_SCORED, _FRAMES_SCORED_AT_ONCE = 8, 64  # scenes of up to so many share a program
 
 
-def count_lanes() -> int:
-    """Parts of a batch that run at the same time: the cores of one CPU, else one.
+def count_cores() -> int:
+    """Programs that run at the same time: one per core of the CPU, one elsewhere.
 
     No more than OMP_NUM_THREADS says, by which Ray and cluster queues tell a process its share.
     """
@@ -57,15 +59,17 @@ def most_at_once(method: Method, static: Static, budget_bytes: int) -> int:
     """Settings that memory may have room for, from the size of a memory; at least one."""
     memory = jax.eval_shape(lambda: settle_types(method.init(static)))
     size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(memory))
-    room = max(1, int(budget_bytes // (_COPIES * size)))
-    most = count_lanes() * _MOST.get(jax.default_backend(), room)
+    room, cores = max(1, int(budget_bytes // (_COPIES * size))), count_cores()
+    if _is_one_each(method):
+        return _MOST_IN_TURN * cores if room >= cores else room
+    most = cores * _MOST.get(jax.default_backend(), room)
     return jax.local_device_count() * min(room, most)
 
 
 def plan_batch(
     frames: Any, config: Config, static: Static, wanted: int, budget_bytes: int
 ) -> tuple[int, int]:
-    """How many settings go side by side within a budget, and the bytes that they take per device.
+    """How many settings make a batch within a budget, and the bytes that it takes per device.
 
     Args:
       frames: A described scene.
@@ -80,30 +84,32 @@ def plan_batch(
     batch = min(wanted, most_at_once(method, static, budget_bytes))
     part = next(_parts(pad_frames(frames, max(FRAMES_AT_ONCE, _num_frames(frames)))))
     while True:
-        lanes = share_lanes(batch)
-        size = _program_size(lanes)
+        size = program_size(method, batch)
         shapes = stack(config.thresholds, [{}] * size, static.scalar)
-        needed = len(lanes) * compile_follow(method, static, size, shapes, part).num_bytes
+        programs = min(count_cores(), -(-batch // size))
+        needed = programs * compile_follow(method, static, size, shapes, part).num_bytes
         if batch == devices or needed <= budget_bytes:
             return batch, needed
         fitting = int(batch * budget_bytes / needed) // devices * devices
         batch = max(devices, min(batch - devices, fitting))
 
 
-def share_lanes(num_settings: int) -> list[int]:
-    """Settings of each lane, the first ones being the longest."""
-    lanes = min(num_settings, count_lanes())
-    return [-(-(num_settings - lane) // lanes) for lane in range(lanes)]
-
-
-def _program_size(sizes: Sequence[int]) -> int:
-    """Settings that the program of every lane takes; the last one fills it up.
+def program_size(method: Method, num_settings: int) -> int:
+    """Settings that one program takes of a batch of so many.
 
     Two settings side by side on a CPU ended the process while they were compiled (once with "Cannot
     select" of LLVM); four and more did not.
     """
+    if _is_one_each(method):
+        return 1
+    share = -(-num_settings // count_cores())
     is_alone = jax.default_backend() == "cpu" and jax.local_device_count() == 1
-    return max(4, *sizes) if is_alone and max(sizes) > 1 else max(sizes)
+    return max(4, share) if is_alone and share > 1 else share
+
+
+def _is_one_each(method: Method) -> bool:
+    """Whether a program takes one setting: where they go one after the other anyway."""
+    return goes_in_turn(method) and jax.local_device_count() == 1
 
 
 def pad_frames(frames: Any, length: int) -> Any:
@@ -121,82 +127,86 @@ def run_batch(
     config: Config,
     settings: Sequence[Setting],
     static: Static,
+    batch: int | None = None,
     budget_bytes: int | None = None,
 ) -> tuple[Answers | None, Static]:
-    """Runs settings side by side; capacities grow until every frame fits every setting.
+    """Runs the settings of a batch; capacities grow until every frame fits.
 
     Args:
       frames: A whole scene, described.
       config: The method, and what a setting does not name.
       settings: Settings of one batch.
       static: Capacities to start with.
+      batch: Settings of a full batch, whose program serves; as many as there are if left out.
       budget_bytes: Of each device; as much as it takes if left out.
 
     Returns:
       The answers of all frames and the capacities that they needed; no answers where so many
       settings with these capacities have no room in the budget.
     """
-    method, length = get_method(config.tracker), _num_frames(frames)
+    method, length, num = get_method(config.tracker), _num_frames(frames), len(settings)
     padded = pad_frames(frames, -(-length // FRAMES_AT_ONCE) * FRAMES_AT_ONCE)
-    sizes = share_lanes(len(settings))
-    lanes = []
-    for first, size in zip(np.cumsum([0, *sizes]), sizes, strict=False):
-        lane = [*settings[first : first + size], *[settings[-1]] * (_program_size(sizes) - size)]
-        lanes.append(spread(stack(config.thresholds, lane, static.scalar)))
-    while True:
-        found, lacking = _follow_lanes(method, static, lanes, padded)
-        if not any(lacking):
-            found = [
-                jax.tree.map(lambda leaf, size=size: leaf[:length, :size], lane)
-                for lane, size in zip(found, sizes, strict=True)
-            ]
-            return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *found), static
-        static = static.grow(num_objects=lacking[0], num_pending=lacking[1])
+    size, lock, stopped = program_size(method, batch or num), threading.Lock(), threading.Event()
+
+    def grow(needed: dict[str, int]) -> None:
+        nonlocal static
+        with lock:
+            static = static.grow(**needed)
         if budget_bytes is not None:
-            fitting = max(jax.local_device_count(), most_at_once(method, static, budget_bytes))
-            if len(settings) > fitting:
-                return None, static
+            most = most_at_once(method, static, budget_bytes)
+            if num > max(jax.local_device_count(), most):
+                stopped.set()
+
+    def follow(first: int) -> Answers | None:
+        some = [*settings[first : first + size], *[settings[-1]] * (first + size - num)]
+        thresholds = spread(stack(config.thresholds, some, static.scalar))
+        while not stopped.is_set():
+            answers, needed = _follow(method, static, thresholds, padded, stopped)
+            if answers is not None:
+                return jax.tree.map(lambda leaf: leaf[:length, : num - first], answers)
+            grow(needed)
+        return None
+
+    starts = range(0, num, size)
+    if len(starts) == 1:
+        found = [follow(0)]
+    else:
+        with ThreadPoolExecutor(count_cores(), "remind-jax sweeps") as pool:
+            try:
+                found = list(pool.map(follow, starts))
+            except BaseException:  # Ctrl-C also
+                stopped.set()
+                raise
+    if stopped.is_set():
+        return None, static
+    return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *found), static
 
 
-def _follow_lanes(
-    method: Method, static: Static, lanes: Sequence[Any], frames: Any
-) -> tuple[list[Answers], tuple[int, int]]:
-    """The answers of every lane, or the slots that frames lack; then answers are of no use.
+def _follow(
+    method: Method, static: Static, thresholds: Any, frames: Any, stopped: threading.Event
+) -> tuple[Answers | None, dict[str, int]]:
+    """The answers of the settings of one program, or the slots that a frame lacks.
 
     Args:
       method: Of all.
       static: Capacities.
-      lanes: Thresholds of as many settings each, stacked and on their devices.
+      thresholds: Of the settings, stacked and on their devices.
       frames: All frames, a multiple of `FRAMES_AT_ONCE`.
+      stopped: Nothing is of use any more.
     """
-    num = len(jax.tree.leaves(lanes[0])[0])
-    program = compile_follow(method, static, num, lanes[0], next(_parts(frames)))
-    stopped = threading.Event()
-
-    def follow(thresholds: Any) -> tuple[list[Answers], tuple[int, int]]:
-        states, found = spread(empty_memories(method, static, num)), []
-        for part in _parts(frames):
-            states, answers = program.run(states, thresholds, repeat(part))
-            found.append(jax.device_get(answers))
-            lacking = int(found[-1].needed_objects.max()), int(found[-1].needed_pending.max())
-            if any(lacking):
-                stopped.set()
-            if stopped.is_set():
-                return found, lacking
-        return found, (0, 0)
-
-    if len(lanes) == 1:
-        ran = [follow(lanes[0])]
-    else:
-        with ThreadPoolExecutor(len(lanes), "remind-jax sweeps") as pool:
-            try:
-                ran = list(pool.map(follow, lanes))
-            except BaseException:  # Ctrl-C also
-                stopped.set()
-                raise
-    found = [jax.tree.map(lambda *parts: np.concatenate(parts), *lane) for lane, _ in ran]
-    objects, pending = zip(*(lacking for _, lacking in ran), strict=True)
-    return found, (max(objects), max(pending))
+    num = len(jax.tree.leaves(thresholds)[0])
+    program = compile_follow(method, static, num, thresholds, next(_parts(frames)))
+    states, found = spread(empty_memories(method, static, num)), []
+    for part in _parts(frames):
+        states, answers = program.run(states, thresholds, repeat(part))
+        found.append(jax.device_get(answers))
+        needed = {
+            "num_objects": int(found[-1].needed_objects.max()),
+            "num_pending": int(found[-1].needed_pending.max()),
+        }
+        if any(needed.values()) or stopped.is_set():
+            return None, needed
+    return jax.tree.map(lambda *parts: np.concatenate(parts), *found), {}
 
 
 def _num_frames(frames: Any) -> int:
@@ -209,10 +219,13 @@ def _parts(frames: Any) -> Iterator[Any]:
         yield jax.tree.map(lambda leaf, part=part: leaf[part], frames)
 
 
-def score_batch(scene: SceneFrames, answers: Answers, static: Static) -> list[dict[str, float]]:
-    """Scores of every setting of a batch, on the device.
+def score_batch(
+    scene: SceneFrames, answers: Answers, static: Static, batch: int
+) -> list[dict[str, float]]:
+    """Scores of every setting, on the device.
 
-    Frames and objects are filled up, so that scenes share what is compiled.
+    Frames, objects and settings (up to a full batch) are filled up, so that scenes and batches
+    share what is compiled.
     """
     truth, (num_frames, num_settings, slots) = scene.truth, answers.outcome.shape
     more_frames = -num_frames % _FRAMES_SCORED_AT_ONCE
@@ -220,12 +233,10 @@ def score_batch(scene: SceneFrames, answers: Answers, static: Static) -> list[di
     widen = lambda leaf: np.pad(  # noqa: E731
         leaf, ((0, more_frames), (0, lacking)), constant_values=NONE
     )
-    more = ((0, more_frames), (0, 0), (0, 0))
-    answers = dataclasses.replace(
-        answers,
-        outcome=np.pad(answers.outcome, more, constant_values=Outcome.EMPTY),
-        object_id=np.pad(answers.object_id, more, constant_values=NO_ID),
-        score=np.pad(answers.score, more),
+    more = ((0, more_frames), (0, batch - num_settings), (0, 0))
+    absent = jax.tree.unflatten(jax.tree.structure(answers), (Outcome.EMPTY, NO_ID, 0, 0, 0))
+    filled = jax.tree.map(
+        lambda leaf, value: np.pad(leaf, more[: leaf.ndim], constant_values=value), answers, absent
     )
     num_labels, num_objects = _LABELS_PER_SLOT * static.num_objects, _FEWEST_OBJECTS_SCORED
     while num_objects < truth.num_objects:
@@ -234,7 +245,7 @@ def score_batch(scene: SceneFrames, answers: Answers, static: Static) -> list[di
         scores = compiled_score(
             widen(truth.object_index),
             widen(truth.class_id),
-            answers,
+            filled,
             num_objects=num_objects,
             num_labels=num_labels,
         )

@@ -59,6 +59,11 @@ def empty_memories(method: Method, static: Static, num_settings: int) -> Any:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_settings, *leaf.shape)), empty)
 
 
+def goes_in_turn(method: Method) -> bool:
+    """Whether settings go one after the other here (`method.Sweeping.in_turn_on_cpu`)."""
+    return method.sweeping.in_turn_on_cpu and jax.default_backend() == "cpu"
+
+
 def follow(
     states: Any, thresholds: Any, frames: Any, *, method: Method, static: Static
 ) -> tuple[Any, Answers]:
@@ -82,7 +87,7 @@ def follow(
         state, t = given
         return jax.lax.scan(lambda state, frame: advance(state, t, frame), state, frames)
 
-    if method.sweeping.in_turn_on_cpu and jax.default_backend() == "cpu":
+    if goes_in_turn(method):
         states, answers = jax.lax.map(follow_one, (states, thresholds))
         return states, jax.tree.map(lambda leaf: leaf.swapaxes(0, 1), answers)
     advance_all = jax.vmap(advance, in_axes=(0, 0, None))

@@ -29,7 +29,7 @@ from remind_jax.session.live import Tracker
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import open_source
 from remind_jax.sources.source import Source
-from remind_jax.static import MOST_OBJECTS, Static
+from remind_jax.static import MOST_OBJECTS, OBJECTS_PER_DETECTION, Static
 from remind_jax.sweeps.settings import stack
 
 NONE = -1
@@ -87,7 +87,8 @@ class SceneFrames:
     def grow(self, static: Static) -> Static:
         """Capacities with slots for what is in the scene, and for what a frame may add to it."""
         most = self.most_detections
-        return static.grow(num_detections=most, num_objects=self.truth.num_objects + most)
+        objects = self.truth.num_objects + OBJECTS_PER_DETECTION * most
+        return static.grow(num_detections=most, num_objects=objects)
 
     @functools.cached_property
     def digest(self) -> str:

@@ -70,15 +70,13 @@ class Worker:
             self._choose_batch(scene, frames, [len(job) for job in jobs])
             while numbers:
                 part = numbers[: self.batch]
-                # The last setting again until the batch is full: one program serves all batches.
-                filled = [job[i] for i in part + part[-1:] * (self.batch - len(part))]
                 # A batch that outgrows its memory is done over, in smaller ones.
                 answers, grown = run_batch(
-                    frames, scene.config, filled, self._static,
-                    self._budget_bytes if self._wanted is None else None,
+                    frames, scene.config, [job[number] for number in part], self._static,
+                    self.batch, self._budget_bytes if self._wanted is None else None,
                 )  # fmt: skip
                 if answers is not None:
-                    keep(part, score_batch(scene, answers, grown)[: len(part)])
+                    keep(part, score_batch(scene, answers, grown, self.batch))
                     numbers = numbers[len(part) :]
                 if grown != self._static:
                     self._static = grown

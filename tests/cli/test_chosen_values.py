@@ -62,7 +62,7 @@ def test_a_sweep_tries_what_a_run_runs_with(command, scene, tmp_path, monkeypatc
     """Also where a value is the published one, which the profile of the backbone would change."""
     tried = []
 
-    def keep(frames, config, settings, static, budget):
+    def keep(frames, config, settings, static, batch, budget):
         tried.extend(config.updated({"thresholds": setting}).thresholds for setting in settings)
         raise KeyboardInterrupt
 

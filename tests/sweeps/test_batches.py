@@ -1,20 +1,25 @@
-"""How a batch is shared between the cores of a CPU, with a program that says what it was given."""
+"""How cores of a CPU share a batch, with a program that says what it was given."""
 
 import types
 
 import numpy as np
 import pytest
 
+from remind_jax.config import load_config
+from remind_jax.method import get_method
 from remind_jax.sweeps import batches
 from remind_jax.sweeps.program import Answers
 from tests.sweeps.tiny_sweep import CONFIG
 
 FRAMES = {"number": np.arange(20)}  # two calls of the program
 STATIC = CONFIG.static
+CONFIGS = {"published": CONFIG, "default": load_config()}
+PAPER, PLUS = get_method(CONFIG.tracker), get_method("plus")
+NAMES = {"published": "matching.match", "default": "memory.novel"}
 
 
-def settings_of(number):
-    return [{"matching.match": 0.001 * index} for index in range(number)]
+def settings_of(number, tracker="published"):
+    return [{NAMES[tracker]: 0.001 * index} for index in range(number)]
 
 
 @pytest.fixture
@@ -26,7 +31,9 @@ def told(monkeypatch):
         sizes.append(num)
 
         def run(states, thresholds, part):
-            said = np.rint(1000 * np.asarray(thresholds.matching.match)).astype(int)
+            is_paper = method is PAPER
+            value = thresholds.matching.match if is_paper else thresholds.memory.novel
+            said = np.rint(1000 * np.asarray(value)).astype(int)
             said = np.broadcast_to(said, (len(part["number"]), num))
             lacking = 65 * ((said == 4) & (static.num_objects < 65))
             ids = 100 * said + np.asarray(part["number"])[:, None]
@@ -39,47 +46,59 @@ def told(monkeypatch):
     return sizes
 
 
-@pytest.mark.parametrize(("lanes", "sizes"), [(1, [7]), (2, [4, 3]), (3, [3, 2, 2]), (9, [1] * 7)])
-def test_every_lane_has_an_equal_share(monkeypatch, lanes, sizes):
-    monkeypatch.setattr(batches, "count_lanes", lambda: lanes)
-    assert batches.share_lanes(7) == sizes
+@pytest.mark.parametrize(("cores", "size"), [(1, 9), (2, 5), (3, 4), (8, 4), (9, 1)])
+def test_cores_share_a_batch(monkeypatch, cores, size):
+    monkeypatch.setattr(batches, "count_cores", lambda: cores)
+    assert batches.program_size(PAPER, 9) == size
+    assert batches.program_size(PLUS, 9) == 1
 
 
-@pytest.mark.parametrize("lanes", [1, 2, 3, 8])
-def test_settings_keep_their_order_whatever_lane_they_are_in(monkeypatch, told, lanes):
-    monkeypatch.setattr(batches, "count_lanes", lambda: lanes)
+@pytest.mark.parametrize("tracker", ["published", "default"])
+@pytest.mark.parametrize("cores", [1, 2, 3, 8])
+def test_settings_keep_their_order_whatever_core_they_are_on(monkeypatch, told, cores, tracker):
+    monkeypatch.setattr(batches, "count_cores", lambda: cores)
+    config, settings = CONFIGS[tracker], settings_of(7, tracker)
     static = STATIC.grow(num_objects=65)
-    answers, after = batches.run_batch(FRAMES, CONFIG, settings_of(7), static)
+    answers, after = batches.run_batch(FRAMES, config, settings, static)
     assert after == static
     assert answers is not None
     expected = 100 * np.arange(7) + np.arange(20)[:, None]
     np.testing.assert_array_equal(answers.object_id[..., 0], expected)
     # Two or three settings side by side are filled up: LLVM cannot translate two.
-    assert set(told) <= {1, 4, 7}
+    assert set(told) <= ({1, 4, 7} if tracker == "published" else {1})
 
 
-@pytest.mark.parametrize("lanes", [1, 2, 7])
-def test_all_lanes_start_again_with_the_capacity_that_one_lacked(monkeypatch, told, lanes):
-    monkeypatch.setattr(batches, "count_lanes", lambda: lanes)
+@pytest.mark.parametrize("cores", [1, 2, 7])
+def test_who_lacks_capacity_starts_again(monkeypatch, told, cores):
+    """Capacities that one setting lacked are those of all that start after it."""
+    monkeypatch.setattr(batches, "count_cores", lambda: cores)
     answers, after = batches.run_batch(FRAMES, CONFIG, settings_of(7), STATIC)
     assert answers is not None
     assert after.num_objects >= 65
-    assert len(told) == 2
+    assert len(told) == -(-7 // batches.program_size(PAPER, 7)) + 1
     np.testing.assert_array_equal(answers.needed_objects, np.zeros((20, 7)))
 
 
-def test_a_lane_that_fails_ends_the_batch(monkeypatch, told):
+def test_what_is_left_goes_through_the_program_of_a_full_batch(monkeypatch, told):
+    monkeypatch.setattr(batches, "count_cores", lambda: 2)
+    answers, _ = batches.run_batch(FRAMES, CONFIG, settings_of(3), STATIC, 16)
+    assert told == [8]
+    assert answers is not None
+    np.testing.assert_array_equal(answers.object_id[0, :, 0], [0, 100, 200])
+
+
+def test_a_core_that_fails_ends_the_batch(monkeypatch, told):
     def fail(states, thresholds, part):
         raise RuntimeError("no room")
 
     program = types.SimpleNamespace(run=fail, num_bytes=0)
     monkeypatch.setattr(batches, "compile_follow", lambda *given: program)
-    monkeypatch.setattr(batches, "count_lanes", lambda: 2)
+    monkeypatch.setattr(batches, "count_cores", lambda: 2)
     with pytest.raises(RuntimeError, match="no room"):
         batches.run_batch(FRAMES, CONFIG, settings_of(4), STATIC)
 
 
-def test_the_lanes_of_a_batch_fit_into_memory_together(monkeypatch, told):
-    monkeypatch.setattr(batches, "count_lanes", lambda: 2)
+def test_the_programs_of_a_batch_fit_into_memory_together(monkeypatch, told):
+    monkeypatch.setattr(batches, "count_cores", lambda: 2)
     batch, needed = batches.plan_batch(FRAMES, CONFIG, STATIC, 32, 1 << 30)
     assert (batch, needed) == (32, 3200)

@@ -29,10 +29,10 @@ def test_a_batch_without_room_to_grow_gives_no_answers():
     scene = load_scene(open_source(SCENES[0]), CONFIG, get_backbone("patch-statistics"))
     small = dataclasses.replace(world.STATIC, num_objects=2)
     described = describe_scene(scene, small, CONFIG)
-    answers, grown = run_batch(described, CONFIG, SETTINGS[:4], small, 1)
+    answers, grown = run_batch(described, CONFIG, SETTINGS[:4], small, budget_bytes=1)
     assert answers is None
     assert grown.num_objects > 2
-    answers, _ = run_batch(described, CONFIG, SETTINGS[:1], small, 1)
+    answers, _ = run_batch(described, CONFIG, SETTINGS[:1], small, budget_bytes=1)
     assert answers is not None
 
 

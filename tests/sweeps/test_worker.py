@@ -47,14 +47,14 @@ def test_batch_is_a_multiple_of_the_devices(monkeypatch):
 
 @pytest.fixture
 def staged(monkeypatch):
-    """A worker whose runs are noted instead of done; memory has room for 120 objects in all."""
+    """A worker whose runs are noted instead of done; memory has room for 240 objects in all."""
     note = types.SimpleNamespace(runs=[], described=0, grow_at=None, outgrows=False)
 
     def describe(scene, static, config):
         note.described += 1
         return scene
 
-    def run(frames, config, settings, static, budget):
+    def run(frames, config, settings, static, batch, budget):
         note.runs.append([setting.get("matching.match") for setting in settings])
         if len(note.runs) == note.grow_at:
             static = dataclasses.replace(static, num_objects=2 * static.num_objects)
@@ -64,13 +64,13 @@ def staged(monkeypatch):
 
     def plan(frames, config, static, wanted, budget):
         note.capacities = static.num_detections, static.num_objects
-        return min(wanted, 120 // static.num_objects), 1
+        return min(wanted, 240 // static.num_objects), 1
 
     monkeypatch.setattr(worker, "describe_scene", describe)
     monkeypatch.setattr(worker, "run_batch", run)
     monkeypatch.setattr(worker, "plan_batch", plan)
     monkeypatch.setattr(
-        worker, "score_batch", lambda scene, answers, static: [dict(s) for s in answers]
+        worker, "score_batch", lambda scene, answers, static, batch: [dict(s) for s in answers]
     )
     return note
 
@@ -94,29 +94,29 @@ def test_every_setting_gets_its_own_row(staged):
     ]
     assert run_all(Worker(CONFIG, 1.0), settings) == settings
     assert staged.described == 2
-    assert staged.capacities == (8, 16)  # doubled until the scene fits
-    assert {len(run) for run in staged.runs} == {7}
+    assert staged.capacities == (8, 32)  # doubled until the scene fits
+    assert sorted(len(run) for run in staged.runs) == [1, 7, 7]
 
 
 def test_a_memory_that_grew_is_planned_anew(staged):
     staged.grow_at = 2
     settings = [{"matching.match": 0.01 * i} for i in range(21)]
     assert run_all(Worker(CONFIG, 1.0), settings) == settings
-    assert [len(run) for run in staged.runs] == [7, 7, 3, 3, 3]
+    assert [len(run) for run in staged.runs] == [7, 7, 3, 3, 1]
 
 
 def test_a_batch_that_outgrows_its_memory_is_done_over_in_smaller_ones(staged):
     staged.grow_at, staged.outgrows = 2, True
     settings = [{"matching.match": 0.01 * i} for i in range(14)]
     assert run_all(Worker(CONFIG, 1.0), settings) == settings
-    assert [len(run) for run in staged.runs] == [7, 7, 3, 3, 3]
+    assert [len(run) for run in staged.runs] == [7, 7, 3, 3, 1]
 
 
 def test_a_batch_that_was_asked_for_stays(staged):
     staged.grow_at = 1
     settings = [{"matching.match": 0.01 * i} for i in range(10)]
     assert run_all(Worker(CONFIG, 1.0, batch=4), settings) == settings
-    assert [len(run) for run in staged.runs] == [4, 4, 4]
+    assert [len(run) for run in staged.runs] == [4, 4, 2]
 
 
 def test_a_program_that_is_there_is_used_again(staged):
