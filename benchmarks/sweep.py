@@ -85,8 +85,7 @@ def measure_settings(options: argparse.Namespace) -> dict[str, Any]:
     scene = read_scene(options)
     config = scene.config
     dim = scene.feats[0].patches.shape[-1]
-    least = {"num_detections": 1, "num_objects": 1, "feature_dim": dim}
-    static = scene.grow(dataclasses.replace(config.static, **least))
+    static = dataclasses.replace(config.static, feature_dim=dim, **scene.capacities)
     described = describe_scene(scene, static, config)
     settings = complete(draw(SPACES[options.config], options.settings), config)
 

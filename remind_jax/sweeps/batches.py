@@ -36,7 +36,7 @@ FRAMES_AT_ONCE = 16  # frames per call of the compiled program; scenes of all le
 # On a CPU more settings side by side on a core gain nothing: their memories leave the caches.
 _MOST = {"cpu": 16}
 # One after the other they gain nothing at all, so that results come early.
-_MOST_IN_TURN = 4
+_MOST_IN_TURN = 2
 _COPIES = 3.0  # memories that the program holds per setting, before it is measured
 _LABELS_PER_SLOT = 2  # different ids at most, per object slot
 _FEWEST_OBJECTS_SCORED, _FRAMES_SCORED_AT_ONCE = 8, 64  # scenes of up to so many share a program

@@ -84,11 +84,16 @@ class SceneFrames:
         """Detections of the fullest frame."""
         return max((len(masks.valid) for masks in self.masks), default=0)
 
-    def grow(self, static: Static) -> Static:
-        """Capacities with slots for what is in the scene, and for what a frame may add to it."""
+    @property
+    def capacities(self) -> dict[str, int]:
+        """Slots for what is in the scene, and for what a frame may add to it, by name.
+
+        They are rounded, so that scenes of about the same size share programs.
+        """
         most = self.most_detections
         objects = self.truth.num_objects + OBJECTS_PER_DETECTION * most
-        return static.grow(num_detections=most, num_objects=objects)
+        needed = {"num_detections": most, "num_objects": objects, "num_pending": most}
+        return {name: _round_up(max(1, count)) for name, count in needed.items()}
 
     @functools.cached_property
     def digest(self) -> str:
@@ -98,6 +103,12 @@ class SceneFrames:
             digest.update(np.ascontiguousarray(leaf).data)
         digest.update(np.ascontiguousarray(self.truth.object_index).data)
         return digest.hexdigest()
+
+
+def _round_up(count: int) -> int:
+    """The next of 1 to 8, 10, 12, 14, 16, 20, 24, ...: up to a quarter more."""
+    step = 1 << max(0, count.bit_length() - 3)
+    return -(-count // step) * step
 
 
 def load_scene(

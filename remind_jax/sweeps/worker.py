@@ -49,8 +49,7 @@ class Worker:
           batch: Settings side by side; chosen by memory if left out.
         """
         self.batch, self.program_bytes = 0, 0
-        # Room that no scene needs would be paid for by every setting.
-        self._static = dataclasses.replace(config.static, num_detections=1, num_objects=1)
+        self._static = config.static
         self._budget_bytes, self._wanted = int(memory_gib * GIB), batch
         self._method = get_method(config.tracker)
         self._described_by = self._method.sweeping.described_by
@@ -89,9 +88,11 @@ class Worker:
         """Nothing goes on by itself."""
 
     def _describe(self, scene: SceneFrames, setting: Setting) -> Any:
-        dim = scene.feats[0].patches.shape[-1]
-        static = dataclasses.replace(self._static, feature_dim=dim)
-        self._static = scene.grow(static)
+        static = dataclasses.replace(self._static, feature_dim=scene.feats[0].patches.shape[-1])
+        # Room that the scene does not need would be paid for by every setting; but not every
+        # further scene shall have a program of its own.
+        is_first, needed = self.batch == 0, scene.capacities
+        self._static = dataclasses.replace(static, **needed) if is_first else static.grow(**needed)
         seen = _under(self._described_by, setting)
         what = (scene.digest, seen, self._static.num_detections)
         if self._described is None or self._described[0] != what:
