@@ -28,7 +28,7 @@ from remind_jax.metrics.recovery import (
     recovery_scores,
 )
 from remind_jax.metrics.run_evaluation import Labels, pair_with_instances
-from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.metrics.sequence import Side, TrackingSequence
 from remind_jax.tracks import Tracks
 
 
@@ -52,27 +52,21 @@ def join_visits(visits: Sequence[TrackingSequence], name: str) -> TrackingSequen
     if len(visits) < 2:
         raise SourceError(f"{name} is {len(visits)} visit; give two or more to compare")
     names = tuple(dict.fromkeys(label for visit in visits for label in visit.class_names))
-    columns: dict[str, list[np.ndarray]] = {}
+    columns: list[tuple[np.ndarray, ...]] = []
     num_frames = num_truth = num_predicted = 0
     for visit in visits:
         class_of = np.array([names.index(label) for label in visit.class_names], np.int64)
-        for column, values in (
-            ("gt_frame", visit.gt_frame + num_frames),
-            ("gt_id", visit.gt_id),
-            ("pred_frame", visit.pred_frame + num_frames),
-            ("pred_id", visit.pred_id),
-            ("pair_gt", visit.pair_gt + num_truth),
-            ("pair_pred", visit.pair_pred + num_predicted),
-            ("pair_similarity", visit.pair_similarity),
-            ("gt_class", class_of[visit.gt_class]),
-            ("pred_class", class_of[visit.pred_class]),
-        ):
-            columns.setdefault(column, []).append(values)
+        sides = (
+            (s.frame + num_frames, s.id, class_of[s.class_index]) for s in (visit.gt, visit.pred)
+        )
+        pairs = visit.pair_gt + num_truth, visit.pair_pred + num_predicted, visit.pair_similarity
+        columns.append((*(column for side in sides for column in side), *pairs))
         num_frames += visit.num_frames + 1
-        num_truth += len(visit.gt_id)
-        num_predicted += len(visit.pred_id)
-    joined = {column: np.concatenate(values) for column, values in columns.items()}
-    return TrackingSequence(num_frames=num_frames - 1, class_names=names, name=name, **joined)
+        num_truth += len(visit.gt)
+        num_predicted += len(visit.pred)
+    joined = [np.concatenate(column) for column in zip(*columns, strict=True)]
+    gt, pred = Side(num_frames - 1, *joined[:3]), Side(num_frames - 1, *joined[3:6])
+    return TrackingSequence(gt, pred, joined[6], joined[7], joined[8], names, name)
 
 
 def count_visits(visits: Sequence[TrackingSequence]) -> list[VisitCounts]:

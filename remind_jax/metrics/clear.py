@@ -43,9 +43,9 @@ def count_clear(sequence: TrackingSequence) -> ClearCounts:
 def split_clear(sequence: TrackingSequence) -> tuple[ClearCounts, ClearCounts]:
     """Counts of each object, and what belongs to none; together those of the sequence."""
     matches = _match_clear(sequence)
-    lengths = sequence.gt_lengths
+    lengths = sequence.gt.lengths
     num = len(lengths)
-    owner = sequence.gt_index[sequence.pair_gt[matches]]
+    owner = sequence.gt.index[sequence.pair_gt[matches]]
     is_switch, is_break, of_break = _find_breaks(sequence, matches)
     found = np.bincount(owner, minlength=num)
     tracked = found / np.maximum(1, lengths)
@@ -63,10 +63,10 @@ def split_clear(sequence: TrackingSequence) -> tuple[ClearCounts, ClearCounts]:
         similarity_sum=np.bincount(owner, sequence.pair_similarity[matches], num),
         frames=nothing,
     )
-    is_evaluated = len(sequence.gt_id) > 0 and len(sequence.pred_id) > 0
+    is_evaluated = len(sequence.gt) > 0 and len(sequence.pred) > 0
     rest = dataclasses.replace(
         map_counts(lambda values: np.zeros((), np.int64), counts),
-        false_positives=np.asarray(len(sequence.pred_id) - len(matches)),
+        false_positives=np.asarray(len(sequence.pred) - len(matches)),
         frames=np.asarray(sequence.num_frames if is_evaluated else 0),
     )
     return counts, rest
@@ -97,7 +97,7 @@ def _processed_order(sequence: TrackingSequence) -> Int[np.ndarray, "T"]:
 
     Only these frames advance the matching: a frame without any prediction cuts no track.
     """
-    has_both = (sequence.gt_counts > 0) & (sequence.pred_counts > 0)
+    has_both = (sequence.gt.counts > 0) & (sequence.pred.counts > 0)
     return np.cumsum(has_both) - 1
 
 
@@ -108,8 +108,8 @@ def _find_breaks(
 
     One entry for every match that follows another, ordered by object and frame.
     """
-    objects = sequence.gt_index[sequence.pair_gt[matches]]
-    labels = sequence.pred_index[sequence.pair_pred[matches]]
+    objects = sequence.gt.index[sequence.pair_gt[matches]]
+    labels = sequence.pred.index[sequence.pair_pred[matches]]
     frame = sequence.pair_frame[matches]
     order = np.lexsort((frame, objects))
     step = _processed_order(sequence)[frame[order]]

@@ -68,11 +68,11 @@ def split_by_object(sequence: TrackingSequence) -> list[Family]:
     """The counts of one sequence by true object: HOTA, CLEAR, identity."""
     chosen = match_hota(sequence)
     is_close = chosen & (sequence.pair_similarity >= MATCH_THRESHOLD)
-    owner = sequence.gt_index[sequence.pair_gt[is_close]]
-    num_claimed = np.bincount(owner, minlength=len(sequence.gt_objects))
+    owner = sequence.gt.index[sequence.pair_gt[is_close]]
+    num_claimed = np.bincount(owner, minlength=len(sequence.gt.objects))
     right = count_right(sequence)
-    identity = IdentityCounts(right, sequence.gt_lengths - right, num_claimed - right)
-    unclaimed = np.asarray(len(sequence.pred_id) - num_claimed.sum())
+    identity = IdentityCounts(right, sequence.gt.lengths - right, num_claimed - right)
+    unclaimed = np.asarray(len(sequence.pred) - num_claimed.sum())
     nothing = np.zeros((), np.int64)
     return [
         split_hota(sequence, chosen),
@@ -184,10 +184,10 @@ def evaluate_sequence(
     families = split_by_object(sequence)
     hota, clear, identity = (total_counts(*family) for family in families)
     sizes = (
-        len(sequence.pred_id),
-        len(sequence.gt_id),
-        len(sequence.pred_objects),
-        len(sequence.gt_objects),
+        len(sequence.pred),
+        len(sequence.gt),
+        len(sequence.pred.objects),
+        len(sequence.gt.objects),
         sequence.num_frames,
         num_repeated,
     )

@@ -48,23 +48,23 @@ def split_hota(
 
     `chosen` are the pairs of `match_hota`.
     """
-    num = len(sequence.gt_objects)
+    num = len(sequence.gt.objects)
     object_of, _, _ = sequence.id_pairs
     similarity = sequence.pair_similarity[chosen]
-    owner = sequence.gt_index[sequence.pair_gt[chosen]]
+    owner = sequence.gt.index[sequence.pair_gt[chosen]]
     claimed = np.bincount(owner, minlength=num)
     fields = np.zeros((7, num, len(ALPHAS)))
     for at, (is_match, shares) in enumerate(_associate(sequence, chosen)):
         found = np.bincount(owner[is_match], minlength=num)
         fields[:, :, at] = (
             found,
-            sequence.gt_lengths - found,
+            sequence.gt.lengths - found,
             claimed - found,
             np.bincount(owner[is_match], similarity[is_match], num),
             *(np.bincount(object_of, share, num) for share in shares),
         )
     rest = HotaCounts(*np.zeros((7, len(ALPHAS))))
-    rest.false_positives[:] = len(sequence.pred_id) - claimed.sum()
+    rest.false_positives[:] = len(sequence.pred) - claimed.sum()
     return HotaCounts(*fields), rest
 
 
@@ -76,7 +76,7 @@ def _associate(
     Shares are those of association accuracy, recall and precision, times the matches.
     """
     object_of, label_of, id_pair = sequence.id_pairs
-    gt_lengths, pred_lengths = sequence.gt_lengths[object_of], sequence.pred_lengths[label_of]
+    gt_lengths, pred_lengths = sequence.gt.lengths[object_of], sequence.pred.lengths[label_of]
     similarity, id_pair = sequence.pair_similarity[chosen], id_pair[chosen]
     for alpha in ALPHAS:
         is_match = similarity >= alpha - EPSILON
@@ -94,13 +94,13 @@ def match_hota(sequence: TrackingSequence) -> Bool[np.ndarray, "K"]:
 def _align_ids(sequence: TrackingSequence) -> Float[np.ndarray, "I"]:
     """How well each pair of ids fits over the whole sequence, all frames at once."""
     gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
-    gt_total = np.bincount(gt, similarity, len(sequence.gt_id))
-    pred_total = np.bincount(pred, similarity, len(sequence.pred_id))
+    gt_total = np.bincount(gt, similarity, len(sequence.gt))
+    pred_total = np.bincount(pred, similarity, len(sequence.pred))
     soft_union = gt_total[gt] + pred_total[pred] - similarity
     share = np.where(soft_union > EPSILON, similarity / np.maximum(soft_union, EPSILON), 0.0)
     object_of, label_of, id_pair = sequence.id_pairs
     common = np.bincount(id_pair, share, len(object_of))
-    union = sequence.gt_lengths[object_of] + sequence.pred_lengths[label_of] - common
+    union = sequence.gt.lengths[object_of] + sequence.pred.lengths[label_of] - common
     return common / union
 
 

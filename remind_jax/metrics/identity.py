@@ -30,17 +30,17 @@ def count_identity(sequence: TrackingSequence) -> IdentityCounts:
     num_right = int(count_right(sequence).sum())
     return IdentityCounts(
         np.asarray(num_right),
-        np.asarray(len(sequence.gt_id) - num_right),
-        np.asarray(len(sequence.pred_id) - num_right),
+        np.asarray(len(sequence.gt) - num_right),
+        np.asarray(len(sequence.pred) - num_right),
     )
 
 
 def count_right(sequence: TrackingSequence) -> Int[np.ndarray, "objects"]:
     """Frames in which each object carries its one right label."""
-    right = np.zeros(len(sequence.gt_objects), np.int64)
+    right = np.zeros(len(sequence.gt.objects), np.int64)
     object_of, label_of, id_pair = sequence.id_pairs
     is_common = sequence.pair_similarity >= MATCH_THRESHOLD
-    matrix = np.zeros((len(right), len(sequence.pred_objects)))
+    matrix = np.zeros((len(right), len(sequence.pred.objects)))
     matrix[object_of, label_of] = np.bincount(id_pair[is_common], minlength=len(object_of))
     rows, columns = linear_sum_assignment(matrix, maximize=True)
     right[rows] = matrix[rows, columns]

@@ -54,7 +54,7 @@ def match_detections(
     gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
     is_admitted = similarity >= min_similarity - EPSILON
     if within_class:
-        is_admitted &= sequence.gt_class[gt] == sequence.pred_class[pred]
+        is_admitted &= sequence.gt.class_index[gt] == sequence.pred.class_index[pred]
     chosen = match_frames(sequence, np.where(is_admitted, similarity, 0.0))
     return gt[chosen], pred[chosen], similarity[chosen]
 
@@ -70,9 +70,9 @@ def assign_frame(
     Rows without any pair stay in the matrix, so that ties break as in a program that solves the
     full matrix.
     """
-    row = sequence.pair_gt[pairs] - sequence.gt_start[frame]
-    column = sequence.pair_pred[pairs] - sequence.pred_start[frame]
-    matrix = np.zeros((sequence.gt_counts[frame], sequence.pred_counts[frame]))
+    row = sequence.pair_gt[pairs] - sequence.gt.start[frame]
+    column = sequence.pair_pred[pairs] - sequence.pred.start[frame]
+    matrix = np.zeros((sequence.gt.counts[frame], sequence.pred.counts[frame]))
     matrix[row, column] = score
     rows, columns = linear_sum_assignment(matrix, maximize=True)
     matrix[rows, columns] = _ASSIGNED

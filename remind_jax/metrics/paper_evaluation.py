@@ -139,18 +139,18 @@ def _sight(
     paired = pair_scene(_without_ignored(truth), _without_ignored(prediction))
     sequence = paired.sequence
     gt, pred, similarity = match_detections(sequence, 0.0, within_class=True)
-    row = np.full(len(sequence.pred_id), NO_ROW)
-    iou = np.zeros(len(sequence.pred_id))
+    row = np.full(len(sequence.pred), NO_ROW)
+    iou = np.zeros(len(sequence.pred))
     row[pred], iou[pred] = gt, similarity
-    ids = sequence.pred_id
+    ids = sequence.pred.id
     sightings = Sightings(
-        gt_frame=sequence.gt_frame,
-        gt_id=sequence.gt_id,
-        gt_class=sequence.gt_class,
-        frame=sequence.pred_frame,
+        gt_frame=sequence.gt.frame,
+        gt_id=sequence.gt.id,
+        gt_class=sequence.gt.class_index,
+        frame=sequence.pred.frame,
         row=row,
         iou=iou,
-        class_id=sequence.pred_class,
+        class_id=sequence.pred.class_index,
         decisions=Decisions.of_ids(ids)
         if tracks is None
         else Decisions.of_tracks(tracks).take(ids),

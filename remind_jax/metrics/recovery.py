@@ -53,17 +53,17 @@ def collect_answers(sequence: TrackingSequence) -> Answers:
     """Matches predictions with ground truth and keeps what each visible object was called.
 
     Within a frame the total similarity of pairs of one class is maximized. Labels are positions in
-    `sequence.pred_objects`; the class of a label is that of its first row.
+    `sequence.pred.objects`; the class of a label is that of its first row.
     """
     gt, pred, similarity = match_detections(sequence, within_class=True)
-    label = np.full(len(sequence.gt_id), NO_LABEL)
-    label[gt] = sequence.pred_index[pred]
-    overlap = np.zeros(len(sequence.gt_id))
+    label = np.full(len(sequence.gt), NO_LABEL)
+    label[gt] = sequence.pred.index[pred]
+    overlap = np.zeros(len(sequence.gt))
     overlap[gt] = similarity
-    label_class = np.full(len(sequence.pred_objects), ANY_CLASS)
-    label_class[sequence.pred_index[::-1]] = sequence.pred_class[::-1]
+    label_class = np.full(len(sequence.pred.objects), ANY_CLASS)
+    label_class[sequence.pred.index[::-1]] = sequence.pred.class_index[::-1]
     return Answers(
-        sequence.gt_frame, sequence.gt_id, label, overlap, sequence.gt_class, label_class
+        sequence.gt.frame, sequence.gt.id, label, overlap, sequence.gt.class_index, label_class
     )
 
 

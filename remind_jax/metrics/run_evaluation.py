@@ -54,9 +54,10 @@ class Labels:
 
     def apply(self, sequence: TrackingSequence) -> TrackingSequence:
         """The sequence of numbered detections with only those that keep an id, under their ids."""
-        everything = np.ones(len(sequence.gt_id), bool)
-        kept = sequence.select(everything, self.is_kept[sequence.pred_id])
-        return dataclasses.replace(kept, pred_id=self.ids[kept.pred_id])
+        everything = np.ones(len(sequence.gt), bool)
+        kept = sequence.select(everything, self.is_kept[sequence.pred.id])
+        named = dataclasses.replace(kept.pred, id=self.ids[kept.pred.id])
+        return dataclasses.replace(kept, pred=named)
 
 
 def evaluate_tracks(
@@ -182,7 +183,7 @@ def pair_with_instances(tracks: Sequence[Tracks], name: str) -> PairedScene:
 def _judge(sequence: TrackingSequence, tracks: Sequence[Tracks]) -> UncertaintyCounts:
     """Counts undecided answers by the numbered detection that shows each observation."""
     gt, pred, _ = match_detections(sequence, within_class=True)
-    number = np.full(len(sequence.gt_id), NO_ROW)
-    number[gt] = sequence.pred_id[pred]
+    number = np.full(len(sequence.gt), NO_ROW)
+    number[gt] = sequence.pred.id[pred]
     decisions = Decisions.of_tracks(tracks).take(number)
-    return count_uncertainty(sequence.gt_frame, sequence.gt_id, decisions)
+    return count_uncertainty(sequence.gt.frame, sequence.gt.id, decisions)

@@ -20,23 +20,63 @@ SIMILARITY_SLACK = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
-class TrackingSequence:
-    """Ground truth and predictions of one sequence.
-
-    Rows are ordered by frame and, inside a frame, as they were given; pairs are ordered by
-    ground-truth row, then predicted row. Build with `create`, which checks this.
-    """
+class Side:
+    """Ground truth or predictions, ordered by frame and, inside a frame, as they were given."""
 
     num_frames: int
-    gt_frame: Int[np.ndarray, "G"]  # 0 ... num_frames - 1
-    gt_id: Int[np.ndarray, "G"]  # unique inside a frame
-    pred_frame: Int[np.ndarray, "P"]
-    pred_id: Int[np.ndarray, "P"]  # unique inside a frame
+    frame: Int[np.ndarray, "N"]  # 0 ... num_frames - 1
+    id: Int[np.ndarray, "N"]  # unique inside a frame
+    class_index: Int[np.ndarray, "N"]  # into the class names of the sequence
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    @property
+    def objects(self) -> Int[np.ndarray, "U"]:
+        """Ids that occur, ascending."""
+        return self._numbering[0]
+
+    @property
+    def index(self) -> Int[np.ndarray, "N"]:
+        """Position of each row's id in `objects`."""
+        return self._numbering[1]
+
+    @cached_property
+    def lengths(self) -> Int[np.ndarray, "U"]:
+        """Frames in which each id occurs."""
+        return np.bincount(self.index, minlength=len(self.objects))
+
+    @cached_property
+    def counts(self) -> Int[np.ndarray, "T"]:
+        """Rows of each frame."""
+        return np.bincount(self.frame, minlength=self.num_frames)
+
+    @cached_property
+    def start(self) -> Int[np.ndarray, "_"]:
+        """First row of each frame, and the number of rows."""
+        return np.concatenate([[0], np.cumsum(self.counts)])
+
+    @cached_property
+    def _numbering(self) -> tuple[np.ndarray, np.ndarray]:
+        return number_ids(self.id)
+
+    def select(self, keep: Bool[np.ndarray, "N"]) -> Side:
+        """Only some of the rows."""
+        return Side(self.num_frames, self.frame[keep], self.id[keep], self.class_index[keep])
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackingSequence:
+    """Ground truth and predictions of one sequence; build with `create`, which checks them.
+
+    Pairs are ordered by ground-truth row, then predicted row.
+    """
+
+    gt: Side
+    pred: Side
     pair_gt: Int[np.ndarray, "K"]  # row of the ground truth
     pair_pred: Int[np.ndarray, "K"]  # row of the prediction
     pair_similarity: Float[np.ndarray, "K"]  # (0, 1]
-    gt_class: Int[np.ndarray, "G"]  # index into class_names
-    pred_class: Int[np.ndarray, "P"]
     class_names: tuple[str, ...] = ("object",)
     name: str = "sequence"  # for messages and tables
 
@@ -65,102 +105,39 @@ class TrackingSequence:
           SourceError: If an id occurs twice in one frame, a frame is outside of the sequence, a
             pair joins different frames, or a similarity is outside of [0, 1].
         """
-        gt_frame, gt_id, pred_frame, pred_id, pair_gt, pair_pred = (
-            np.asarray(column, np.int64) for column in (*ground_truth, *predictions, *pairs[:2])
+        gt, pred = (
+            _make_side(int(num_frames), *rows, classes)
+            for rows, classes in ((ground_truth, gt_class), (predictions, pred_class))
         )
+        pair_gt, pair_pred = (np.asarray(column, np.int64) for column in pairs[:2])
         similarity = np.asarray(pairs[2], np.float64)
-        check_rows("ground truth", name, num_frames, gt_frame, gt_id, first_frame)
-        check_rows("prediction", name, num_frames, pred_frame, pred_id, first_frame)
-        _check_pairs(name, gt_frame, pred_frame, pair_gt, pair_pred, similarity)
+        _check_rows("ground truth", name, gt, first_frame)
+        _check_rows("prediction", name, pred, first_frame)
+        _check_pairs(name, gt.frame, pred.frame, pair_gt, pair_pred, similarity)
         order = np.flatnonzero(similarity > 0)
-        rank = pair_gt[order] * max(1, len(pred_frame)) + pair_pred[order]
+        rank = pair_gt[order] * max(1, len(pred)) + pair_pred[order]
         if np.any(np.diff(rank) <= 0):
             order = order[np.argsort(rank, kind="stable")]
-        return cls(
-            int(num_frames),
-            gt_frame,
-            gt_id,
-            pred_frame,
-            pred_id,
-            pair_gt[order],
-            pair_pred[order],
-            similarity[order],
-            _classes_or_zero(gt_class, len(gt_frame)),
-            _classes_or_zero(pred_class, len(pred_frame)),
-            tuple(class_names),
-            name,
-        )
+        pairs = pair_gt[order], pair_pred[order], similarity[order]
+        return cls(gt, pred, *pairs, tuple(class_names), name)
 
-    @cached_property
-    def gt_objects(self) -> Int[np.ndarray, "objects"]:
-        """Ground-truth ids that occur, ascending."""
-        return self._gt_numbering[0]
-
-    @cached_property
-    def pred_objects(self) -> Int[np.ndarray, "labels"]:
-        """Predicted ids that occur, ascending."""
-        return self._pred_numbering[0]
-
-    @cached_property
-    def gt_index(self) -> Int[np.ndarray, "G"]:
-        """Position of each row's id in `gt_objects`."""
-        return self._gt_numbering[1]
-
-    @cached_property
-    def pred_index(self) -> Int[np.ndarray, "P"]:
-        """Position of each row's id in `pred_objects`."""
-        return self._pred_numbering[1]
-
-    @cached_property
-    def gt_lengths(self) -> Int[np.ndarray, "objects"]:
-        """Frames in which each ground-truth object is visible."""
-        return np.bincount(self.gt_index, minlength=len(self.gt_objects))
-
-    @cached_property
-    def pred_lengths(self) -> Int[np.ndarray, "labels"]:
-        """Frames in which each predicted id occurs."""
-        return np.bincount(self.pred_index, minlength=len(self.pred_objects))
+    @property
+    def num_frames(self) -> int:
+        """Of the sequence."""
+        return self.gt.num_frames
 
     @cached_property
     def pair_frame(self) -> Int[np.ndarray, "K"]:
         """Frame of each pair."""
-        return self.gt_frame[self.pair_gt]
-
-    @cached_property
-    def gt_counts(self) -> Int[np.ndarray, "T"]:
-        """Ground-truth rows of each frame."""
-        return np.diff(self.gt_start)
-
-    @cached_property
-    def pred_counts(self) -> Int[np.ndarray, "T"]:
-        """Predicted rows of each frame."""
-        return np.diff(self.pred_start)
-
-    @cached_property
-    def gt_start(self) -> Int[np.ndarray, "{self.num_frames}+1"]:
-        """First ground-truth row of each frame, and the number of rows."""
-        return frame_starts(self.gt_frame, self.num_frames)
-
-    @cached_property
-    def pred_start(self) -> Int[np.ndarray, "{self.num_frames}+1"]:
-        """First predicted row of each frame, and the number of rows."""
-        return frame_starts(self.pred_frame, self.num_frames)
+        return self.gt.frame[self.pair_gt]
 
     @cached_property
     def id_pairs(self) -> tuple[Int[np.ndarray, "I"], Int[np.ndarray, "I"], Int[np.ndarray, "K"]]:
         """Pairs of ids that ever overlap (object, label), and which of them each row pair is."""
-        num_labels = max(1, len(self.pred_objects))
-        key = self.gt_index[self.pair_gt] * num_labels + self.pred_index[self.pair_pred]
+        num_labels = max(1, len(self.pred.objects))
+        key = self.gt.index[self.pair_gt] * num_labels + self.pred.index[self.pair_pred]
         found, member = number_ids(key)
         return found // num_labels, found % num_labels, member
-
-    @cached_property
-    def _gt_numbering(self) -> tuple[np.ndarray, np.ndarray]:
-        return number_ids(self.gt_id)
-
-    @cached_property
-    def _pred_numbering(self) -> tuple[np.ndarray, np.ndarray]:
-        return number_ids(self.pred_id)
 
     def select(
         self, keep_gt: Bool[np.ndarray, "G"], keep_pred: Bool[np.ndarray, "P"]
@@ -170,12 +147,8 @@ class TrackingSequence:
         kept = keep_gt[self.pair_gt] & keep_pred[self.pair_pred]
         return dataclasses.replace(
             self,
-            gt_frame=self.gt_frame[keep_gt],
-            gt_id=self.gt_id[keep_gt],
-            gt_class=self.gt_class[keep_gt],
-            pred_frame=self.pred_frame[keep_pred],
-            pred_id=self.pred_id[keep_pred],
-            pred_class=self.pred_class[keep_pred],
+            gt=self.gt.select(keep_gt),
+            pred=self.pred.select(keep_pred),
             pair_gt=new_gt[self.pair_gt[kept]],
             pair_pred=new_pred[self.pair_pred[kept]],
             pair_similarity=self.pair_similarity[kept],
@@ -188,7 +161,7 @@ class TrackingSequence:
                 f"{self.name} has no class '{class_name}'; it has {', '.join(self.class_names)}"
             )
         index = self.class_names.index(class_name)
-        return self.select(self.gt_class == index, self.pred_class == index)
+        return self.select(self.gt.class_index == index, self.pred.class_index == index)
 
 
 def number_ids(
@@ -199,35 +172,28 @@ def number_ids(
     return found, member
 
 
-def frame_starts(frame: Int[np.ndarray, "N"], num_frames: int) -> Int[np.ndarray, "{num_frames}+1"]:
-    """First row of each frame in rows ordered by frame, and the number of rows at the end."""
-    counts = np.bincount(frame, minlength=num_frames)
-    return np.concatenate([[0], np.cumsum(counts)])
+def _make_side(num_frames: int, frame: Any, ids: Any, classes: Any) -> Side:
+    """Rows of one class if none are given."""
+    frame, ids = np.asarray(frame, np.int64), np.asarray(ids, np.int64)
+    classes = np.zeros(len(frame), np.int64) if classes is None else np.asarray(classes, np.int64)
+    if len(classes) != len(frame):
+        raise SourceError(f"{len(classes)} classes were given for {len(frame)} rows")
+    return Side(num_frames, frame, ids, classes)
 
 
-def _classes_or_zero(classes: Any, num: int) -> np.ndarray:
-    if classes is None:
-        return np.zeros(num, np.int64)
-    classes = np.asarray(classes, np.int64)
-    if len(classes) != num:
-        raise SourceError(f"{len(classes)} classes were given for {num} rows")
-    return classes
-
-
-def check_rows(
-    side: str, name: str, num_frames: int, frame: np.ndarray, ids: np.ndarray, first_frame: int
-) -> None:
+def _check_rows(side: str, name: str, rows: Side, first_frame: int) -> None:
     """Refuses rows that are not ordered by frame, and ids that occur twice in a frame."""
+    frame, ids = rows.frame, rows.id
     if frame.shape != ids.shape or frame.ndim != 1:
         raise SourceError(f"{name}: {len(frame)} frames were given for {len(ids)} {side} ids")
     if not len(frame):
         return
-    if frame[0] < 0 or frame[-1] >= num_frames or np.any(np.diff(frame) < 0):
+    if frame[0] < 0 or frame[-1] >= rows.num_frames or np.any(np.diff(frame) < 0):
         raise SourceError(
-            f"{name}: {side} rows must be ordered by frame, with frames 0 to {num_frames - 1}"
+            f"{name}: {side} rows must be ordered by frame, with frames 0 to {rows.num_frames - 1}"
         )
-    found, index = number_ids(ids)
-    _, member, seen = np.unique(frame * len(found) + index, return_inverse=True, return_counts=True)
+    key = frame * len(rows.objects) + rows.index
+    _, member, seen = np.unique(key, return_inverse=True, return_counts=True)
     if seen.max() > 1:
         row = int(np.flatnonzero(seen[member] > 1)[0])
         raise SourceError(

@@ -55,7 +55,7 @@ FIRST = visit({1: 10, 2: 20, 3: 30}, {1: 10, 2: 20, 3: 30}, {1: 10, 2: 20})
 )
 def test_objects_of_the_second_visit(second, returning, recognized, at_once, false):
     (counts,) = count_visits([FIRST, second])
-    assert counts.objects == len(set(second.gt_id.tolist()))
+    assert counts.objects == len(set(second.gt.id.tolist()))
     assert (counts.returning, counts.recognized, counts.recognized_at_once) == (
         returning,
         recognized,
@@ -99,8 +99,8 @@ def test_classes_of_visits_are_joined_by_name():
 
     joined = join_visits([of("cup", "book"), of("book", "cup")], "both")
     assert joined.class_names == ("cup", "book")
-    assert joined.gt_class.tolist() == [0, 1, 1, 0]
-    assert joined.gt_frame.tolist() == [0, 0, 2, 2]
+    assert joined.gt.class_index.tolist() == [0, 1, 1, 0]
+    assert joined.gt.frame.tolist() == [0, 0, 2, 2]
 
 
 def test_one_visit_is_none():

@@ -68,8 +68,8 @@ def test_flagged_rows_and_other_classes_are_left_out(tmp_path: Path):
     )
     pred = write(tmp_path / "pred.txt", *(f"1,{i},{20 * i},0,10,10,1,-1,-1,-1" for i in range(3)))
     plain = load_texts(gt, pred, "mot")
-    assert (plain.gt_id.tolist(), plain.pred_id.tolist()) == ([1, 3], [0, 1, 2])
-    assert load_texts(gt, pred, "mot", class_id=1).gt_id.tolist() == [1]
+    assert (plain.gt.id.tolist(), plain.pred.id.tolist()) == ([1, 3], [0, 1, 2])
+    assert load_texts(gt, pred, "mot", class_id=1).gt.id.tolist() == [1]
 
 
 def test_masks_in_ignored_regions_are_left_out(tmp_path: Path):
@@ -86,8 +86,8 @@ def test_masks_in_ignored_regions_are_left_out(tmp_path: Path):
         mots_line(1, 3, 2, slice(6, 8)),  # half inside
     )
     sequence = load_texts(gt, pred, "mots")
-    assert sequence.gt_id.tolist() == [2001]
-    assert sequence.pred_id.tolist() == [1, 3]
+    assert sequence.gt.id.tolist() == [2001]
+    assert sequence.pred.id.tolist() == [1, 3]
     assert sequence.class_names == ("pedestrian",)
     cars = load_texts(gt, gt, "mots", class_id=1)
     assert cars.pair_similarity.tolist() == [1.0]

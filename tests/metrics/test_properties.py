@@ -25,11 +25,11 @@ def assert_scores(got: dict[str, Any], expected: dict[str, Any]) -> None:
 def per_frame(sequence: TrackingSequence) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     frames = []
     for t in range(sequence.num_frames):
-        gt = slice(sequence.gt_start[t], sequence.gt_start[t + 1])
-        pred = slice(sequence.pred_start[t], sequence.pred_start[t + 1])
-        matrix = np.zeros((len(sequence.gt_id), len(sequence.pred_id)))
+        gt = slice(sequence.gt.start[t], sequence.gt.start[t + 1])
+        pred = slice(sequence.pred.start[t], sequence.pred.start[t + 1])
+        matrix = np.zeros((len(sequence.gt), len(sequence.pred)))
         matrix[sequence.pair_gt, sequence.pair_pred] = sequence.pair_similarity
-        frames.append((sequence.gt_id[gt], sequence.pred_id[pred], matrix[gt, pred]))
+        frames.append((sequence.gt.id[gt], sequence.pred.id[pred], matrix[gt, pred]))
     return frames
 
 
@@ -40,7 +40,9 @@ def test_new_names_change_nothing(seed: int):
     rng = np.random.default_rng(seed + 1)
     gt_names, pred_names = rng.permutation(10**6)[:20], rng.permutation(10**6)[:20]
     renamed = dataclasses.replace(
-        sequence, gt_id=gt_names[sequence.gt_id], pred_id=pred_names[sequence.pred_id]
+        sequence,
+        gt=dataclasses.replace(sequence.gt, id=gt_names[sequence.gt.id]),
+        pred=dataclasses.replace(sequence.pred, id=pred_names[sequence.pred.id]),
     )
     assert_scores(evaluate_sequence(renamed).scores(), evaluate_sequence(sequence).scores())
 

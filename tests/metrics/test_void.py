@@ -46,8 +46,8 @@ def test_overlaps_are_those_of_davis(tmp_path: Path, name: str):
     for row, column, overlap in zip(
         sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity, strict=True
     ):
-        frame = sequence.gt_frame[row]
-        ids = int(sequence.gt_id[row]), int(sequence.pred_id[column])
+        frame = sequence.gt.frame[row]
+        ids = int(sequence.gt.id[row]), int(sequence.pred.id[column])
         expected = overlap_of_davis(truth[frame], answers[frame], *ids)
         assert overlap == pytest.approx(expected, rel=0, abs=1e-12)  # a ratio of whole numbers
     stored = sum(np.count_nonzero(matrix) for matrix in case["overlaps"])
@@ -81,4 +81,4 @@ def test_void_says_nothing_to_boxes(tmp_path: Path):
     assert evaluate(folder, tmp_path / "p.txt").scores()["LocA(0)"] == pytest.approx(18 / 30)
     rows = read_instance_maps(folder, "scene", is_truth=True)
     assert rows.is_void
-    assert pair_scene(rows, dataclasses.replace(rows, rles=None)).sequence.pred_id.tolist() == [1]
+    assert pair_scene(rows, dataclasses.replace(rows, rles=None)).sequence.pred.id.tolist() == [1]
