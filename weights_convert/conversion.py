@@ -6,8 +6,6 @@ import dataclasses
 import datetime
 import hashlib
 import json
-import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -23,7 +21,7 @@ from remind_jax.backbone.vit_weights import (
     leaf_shapes,
 )
 from remind_jax.errors import OutputError, WeightsError
-from remind_jax.files import refuse_file
+from remind_jax.files import make_folder, refuse_file, replacing
 from weights_convert.key_layouts import NamedTensors, name_tensors
 from weights_convert.leaf_recipes import Recipe, check_complete, make_leaf, recipes
 from weights_convert.stored_tensors import WeightSource, open_source
@@ -63,7 +61,6 @@ def convert(
     wishes: Wishes | None = None,
     dtype: Dtype = "float32",
     overwrite: bool = False,
-    progress: Callable[[int, int], None] | None = None,
     origin: str | None = None,
 ) -> Conversion:
     """Converts one network.
@@ -90,17 +87,9 @@ def convert(
         _check_free(out, overwrite)
     out = Path(out)
     metadata = _metadata(opened, named, variant, dtype, origin or opened.path.name)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = out.with_name(out.name + ".part")
-        try:
-            with unfinished.open("wb") as stream:
-                digest = _write(stream, wanted, named, variant, metadata, dtype, progress, file)
-            os.replace(unfinished, out)
-        finally:
-            unfinished.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write '{out}': {error.strerror or error}") from error
+    make_folder(out.parent)
+    with replacing(out) as unfinished, unfinished.open("wb") as stream:
+        digest = _write(stream, wanted, named, variant, metadata, dtype, file)
     num_bytes = out.stat().st_size
     return Conversion(
         out, variant, named.layout.name, opened.sha256, digest, num_bytes, named.dropped
@@ -146,7 +135,6 @@ def _write(
     variant: Variant,
     metadata: dict[str, str],
     dtype: Dtype,
-    progress: Callable[[int, int], None] | None,
     file: str,
 ) -> str:
     """Writes a safetensors file tensor by tensor; returns the sha256 of all tensor bytes.
@@ -171,15 +159,13 @@ def _write(
     stream.write(len(text).to_bytes(8, "little") + text)
 
     digest = hashlib.sha256()
-    for done, recipe in enumerate(wanted, start=1):
+    for recipe in wanted:
         leaf = make_leaf(recipe, named.tensors, file).astype(DTYPES[types[recipe.leaf]])
         if leaf.shape != shapes[recipe.leaf]:
             raise WeightsError(f"'{recipe.leaf}' came out as {leaf.shape}: a defect, report it")
         data = leaf.tobytes()
         digest.update(data)
         stream.write(data)
-        if progress is not None:
-            progress(done, len(wanted))
     stream.seek(8 + text.index(_HASH_PLACE.encode()))
     stream.write(digest.hexdigest().encode())
     return digest.hexdigest()

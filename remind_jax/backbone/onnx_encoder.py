@@ -13,9 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from remind_jax.backbone.preprocessing import MEAN, STD
 from remind_jax.backbone.registry import Backbone
-from remind_jax.detectors.onnx_model import OnnxModel, image_input
+from remind_jax.detectors.onnx_model import MEAN, STD, OnnxModel, image_input
 from remind_jax.errors import ConfigError, WeightsError
 
 # Divisible by all common patches: 7, 8, 14, 16, 28 and 32 pixels.
@@ -64,10 +63,8 @@ class PatchOutput:
 def onnx_encoder(
     path: str,
     *,
-    output: str | None = None,
     mean: Sequence[float] = tuple(MEAN.tolist()),
     std: Sequence[float] = tuple(STD.tolist()),
-    num_threads: int | None = None,
 ) -> Backbone:
     """Makes a backbone from an encoder with one image input `[B, 3, H, W]`.
 
@@ -76,15 +73,15 @@ def onnx_encoder(
     frame (backbones.md#fixed-input).
 
     Args:
-      output: Which output holds the patches, or several of one grid with commas between, which are
-        put side by side; the only one that may if left out.
+      path: `FILE`, or `FILE#OUTPUT`: which output holds the patches, or several of one grid with
+        commas between, which are put side by side; the only one that may if left out.
 
     Raises:
       WeightsError: If the file is missing, damaged or no such encoder.
       ConfigError: If several outputs may be meant, or onnxruntime is not installed.
     """
-    path, output = _split_target(path, output)
-    model = OnnxModel(path, num_threads)
+    path, output = _split_target(path)
+    model = OnnxModel(path)
     height, width = image_input(model.signature, "an image encoder").shape[2:]
     fixed_size = None if height is None or width is None else (height, width)
     shift, scale = np.array(mean, np.float32), np.array(std, np.float32)
@@ -126,14 +123,10 @@ def onnx_encoder(
     )
 
 
-def _split_target(path: str, output: str | None) -> tuple[str, str | None]:
+def _split_target(path: str) -> tuple[str, str | None]:
     """File and output of `FILE#OUTPUT`; a file whose name holds a hash stays whole."""
     file, mark, named = path.rpartition("#")
-    if not mark or Path(path).exists():
-        return path, output
-    if output is not None:
-        raise ConfigError(f"'{path}' names an output, and output='{output}' another; give one")
-    return file, named
+    return (path, None) if not mark or Path(path).exists() else (file, named)
 
 
 def _find_patches(

@@ -50,7 +50,6 @@ from remind_jax.backbone.cell_histograms import (
 )
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
 from remind_jax.compiled.programs import KeptFunction
-from remind_jax.errors import ConfigError
 
 PATCH_PX = 2 * CELL_PX  # cells lie on the image at half resolution
 
@@ -65,6 +64,10 @@ LOCAL_OFFSET = 0.2  # of the brightness around
 SURROUND_RADIUS = 3  # cells
 NEIGHBOR_PX = 3  # at half resolution
 DIRECTIONS = ((0, 1), (1, 1), (1, 0), (1, -1))  # down, right
+
+# How much of what all scenes share is subtracted. It spreads cosines (towards 1: different objects
+# near 0) and hardly changes which object is nearest.
+CENTERING = 0.8
 
 # Rows and columns of patches whose histograms are made together on a CPU, if one of them is wanted:
 # few enough to stay in its cache.
@@ -106,26 +109,16 @@ class PixelPlanes:
 
 
 @functools.cache
-def patch_statistics(*, centering: float = 0.8) -> Backbone:
-    """Makes the weight-free backbone.
-
-    Args:
-      centering: How much of what all scenes share is subtracted, in [0, 1]. It spreads cosines
-        (towards 1: different objects near 0) and hardly changes which object is nearest.
-
-    Raises:
-      ConfigError: If `centering` is out of range.
-    """
-    if not 0.0 <= centering <= 1.0:
-        raise ConfigError(f"centering is {centering}; it must lie in [0, 1]")
+def patch_statistics() -> Backbone:
+    """Makes the weight-free backbone."""
     device = jax.default_backend()
     tile = TILE if device == "cpu" else None
-    one = functools.partial(describe_patches, centering=centering, tile=tile)
+    one = functools.partial(describe_patches, tile=tile)
 
     def describe(images: Any, wanted: Any) -> Any:
         return jax.lax.map(lambda pair: one(*pair), (images, wanted))
 
-    apply_to = KeptFunction(DEFAULT_BACKBONE, describe, (centering, tile))
+    apply_to = KeptFunction(DEFAULT_BACKBONE, describe, (CENTERING, tile))
 
     def apply(images: Any) -> Any:
         num, height, width = images.shape[:3]
@@ -139,7 +132,6 @@ def describe_patches(
     image: UInt8[Array, "H W 3"],
     wanted: Bool[Array, "Hp Wp"],
     *,
-    centering: float,
     tile: tuple[int, int] | None,
 ) -> Float[Array, "Hp Wp D"]:
     """Features of patches of one image whose sides are multiples of `PATCH_PX`.
@@ -154,7 +146,7 @@ def describe_patches(
     blocks = []
     for block, typical in _typical_blocks():
         pooled = near[block.window_radius][bins_of()[block.quantity]]
-        common = np.float32(centering * block.common_length) * np.sqrt(typical)
+        common = np.float32(CENTERING * block.common_length) * np.sqrt(typical)
         blocks.append(block.weight * (jnp.sqrt(pooled) - common[:, None, None]))
     return jnp.moveaxis(jnp.where(wanted, jnp.concatenate(blocks), 0.0), 0, -1)
 

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int, UInt8
 
-from remind_jax.backbone.preprocessing import normalize
 from remind_jax.backbone.registry import Backbone
 from remind_jax.backbone.vit import Numerics, Tokens, arrange_params, encode
 from remind_jax.backbone.vit_attention import Method, ObjectAttention
@@ -18,6 +19,7 @@ from remind_jax.backbone.vit_weights import DTYPES, Weights, load_weights
 from remind_jax.backbone.weights_download import obtain_weights, was_fetched
 from remind_jax.compiled.compiler_options import Kind, compiler_options
 from remind_jax.compiled.programs import KeptFunction
+from remind_jax.detectors.onnx_model import MEAN, STD
 from remind_jax.errors import ConfigError, WeightsError
 
 Precision = Literal["float32", "bfloat16"]
@@ -28,6 +30,11 @@ _PLAIN_SCORES_MAX = 2_000_000
 # Of XLA, by platform. Its YNN library splits the thin products of chunked attention badly between
 # threads: with it 1280x720 took 1.5 times as long on two cores (`benchmarks/vit.py`). In bfloat16
 # it is what uses the processor's instructions for it.
+
+
+def normalize(images: UInt8[Array, "... 3"]) -> Float[Array, "... 3"]:
+    """RGB of 0 to 255 to zero mean and unit variance, operation by operation as published."""
+    return (images.astype(jnp.float32) * np.float32(1 / 255) - MEAN) / STD
 
 
 def vit(

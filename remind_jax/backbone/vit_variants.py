@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Annotated, Literal
 
 from msgspec import Meta
@@ -70,20 +71,10 @@ class Variant:
             )
 
 
-def _dinov3(name: str, width: int, depth: int, heads: int, hidden: int, mlp: Mlp) -> Variant:
-    return Variant(
-        name=f"dinov3-{name}",
-        family="dinov3",
-        width=width,
-        depth=depth,
-        heads=heads,
-        patch_px=16,
-        hidden=hidden,
-        mlp=mlp,
-        registers=4,
-        qkv_bias="none" if name == "vit7b16" else "no key",
-        norm_eps=1e-5,
-    )
+_DINOV3 = functools.partial(
+    Variant, family="dinov3", patch_px=16, registers=4, qkv_bias="no key", norm_eps=1e-5
+)
+_DINO = functools.partial(Variant, family="dino", depth=12, position="offset", layer_scale=False)
 
 
 def _dinov2(name: str, width: int, depth: int, heads: int, registers: int) -> Variant:
@@ -102,29 +93,16 @@ def _dinov2(name: str, width: int, depth: int, heads: int, registers: int) -> Va
     )
 
 
-def _dino(name: str, width: int, heads: int, patch_px: int) -> Variant:
-    return Variant(
-        name=f"dino-{name}",
-        family="dino",
-        width=width,
-        depth=12,
-        heads=heads,
-        patch_px=patch_px,
-        hidden=4 * width,
-        position="offset",
-        table_side=224 // patch_px,
-        layer_scale=False,
-    )
-
-
 _TABLE = (
-    _dinov3("vits16", 384, 12, 6, 1536, "gelu"),
-    _dinov3("vits16plus", 384, 12, 6, 1536, "swiglu"),
-    _dinov3("vitb16", 768, 12, 12, 3072, "gelu"),
-    _dinov3("vitl16", 1024, 24, 16, 4096, "gelu"),
-    _dinov3("vitl16plus", 1024, 24, 16, 4096, "swiglu"),
-    _dinov3("vith16plus", 1280, 32, 20, 5120, "swiglu"),
-    _dinov3("vit7b16", 4096, 40, 32, 8192, "swiglu"),
+    _DINOV3("dinov3-vits16", width=384, depth=12, heads=6, hidden=1536),
+    _DINOV3("dinov3-vits16plus", width=384, depth=12, heads=6, hidden=1536, mlp="swiglu"),
+    _DINOV3("dinov3-vitb16", width=768, depth=12, heads=12, hidden=3072),
+    _DINOV3("dinov3-vitl16", width=1024, depth=24, heads=16, hidden=4096),
+    _DINOV3("dinov3-vitl16plus", width=1024, depth=24, heads=16, hidden=4096, mlp="swiglu"),
+    _DINOV3("dinov3-vith16plus", width=1280, depth=32, heads=20, hidden=5120, mlp="swiglu"),
+    _DINOV3(
+        "dinov3-vit7b16", width=4096, depth=40, heads=32, hidden=8192, mlp="swiglu", qkv_bias="none"
+    ),
     *(
         _dinov2(name, width, depth, heads, registers)
         for registers in (0, 4)
@@ -135,10 +113,10 @@ _TABLE = (
             ("vitg14", 1536, 40, 24),
         )
     ),
-    _dino("vits16", 384, 6, 16),
-    _dino("vitb16", 768, 12, 16),
-    _dino("vits8", 384, 6, 8),
-    _dino("vitb8", 768, 12, 8),
+    _DINO("dino-vits16", width=384, heads=6, patch_px=16, hidden=1536, table_side=14),
+    _DINO("dino-vitb16", width=768, heads=12, patch_px=16, hidden=3072, table_side=14),
+    _DINO("dino-vits8", width=384, heads=6, patch_px=8, hidden=1536, table_side=28),
+    _DINO("dino-vitb8", width=768, heads=12, patch_px=8, hidden=3072, table_side=28),
 )
 
 VARIANTS: dict[str, Variant] = {variant.name: variant for variant in _TABLE}

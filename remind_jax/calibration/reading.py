@@ -12,7 +12,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Int
 
 from remind_jax.backbone.registry import Backbone
 from remind_jax.calibration.comparisons import NONE, Sightings, Views
@@ -59,7 +59,7 @@ def read_scene(
     config = config.updated({"perception.part_merge": 1.0})
     describers = [_Describer(config, backbone) for backbone in backbones]
     kept: dict[int, list[Views]] = {}
-    frames: list[_Boxes] = []
+    frames: list[Boxes] = []
     stride, num_bytes = 1, 0
     for number, frame in enumerate(source):
         if frame.image is None:
@@ -67,7 +67,7 @@ def read_scene(
         if detector is not None:
             frame = dataclasses.replace(frame, detections=detector(frame.image))
         prepared = [one.prepare(frame) for one in describers]
-        frames.append(_Boxes.of(prepared[0]))
+        frames.append(Boxes.of(prepared[0]))
         if number % stride or not len(prepared[0].detections):
             continue
         kept[number] = [
@@ -85,7 +85,7 @@ def read_scene(
 
 
 @dataclasses.dataclass(frozen=True)
-class _Boxes:
+class Boxes:
     """What is kept of every frame."""
 
     index: int
@@ -94,11 +94,12 @@ class _Boxes:
     class_id: np.ndarray
 
     @classmethod
-    def of(cls, prepared: Prepared) -> _Boxes:
+    def of(cls, prepared: Prepared) -> Boxes:
+        """Those of a frame."""
         masks, num = prepared.masks, len(prepared.detections)
         return cls(
             prepared.frame.index,
-            np.array(masks.box[:num]),
+            np.array(masks.box[:num], float),
             np.array(masks.valid[:num]),
             np.array(masks.class_id[:num]),
         )
@@ -146,57 +147,42 @@ def _describe(
     return seen.descriptors
 
 
-def _collect(name: str, kept: dict[int, list[Views]], frames: list[_Boxes]) -> SceneViews:
+def _collect(name: str, kept: dict[int, list[Views]], frames: list[Boxes]) -> SceneViews:
     """Puts the views of all frames one after the other, and says which object each shows."""
-    shape = (len(frames), max(len(frame.valid) for frame in frames))
-    boxes, valid = np.zeros((*shape, 4)), np.zeros(shape, bool)
-    classes = np.zeros(shape, np.int32)
-    for number, frame in enumerate(frames):
-        slots = slice(len(frame.valid))
-        boxes[number, slots], valid[number, slots] = frame.box, frame.valid
-        classes[number, slots] = frame.class_id
-    at = tuple(
-        np.concatenate(part)
-        for part in zip(
-            *(
-                (np.full(len(views[0]), number), np.arange(len(views[0])))
-                for number, views in kept.items()
-            ),
-            strict=True,
-        )
-    )
-    index = np.array([frame.index for frame in frames], np.int32)
-    track = np.where(valid, link_boxes(boxes, valid, classes), NONE)
+    tracks = link_boxes(frames)
+    described = [frames[number] for number in kept]
     return SceneViews(
         name=name,
         views=tuple(Views.join(of_one) for of_one in zip(*kept.values(), strict=True)),
-        tracklets=Sightings(index[at[0]], track[at], classes[at]),
+        tracklets=Sightings(
+            np.concatenate([np.full(len(one.valid), one.index, np.int32) for one in described]),
+            np.concatenate([tracks[number] for number in kept]),
+            np.concatenate([one.class_id for one in described]),
+        ),
     )
 
 
-def link_boxes(
-    boxes: Float[np.ndarray, "T N 4"],
-    valid: Bool[np.ndarray, "T N"],
-    class_id: Int[np.ndarray, "T N"],
-) -> Int[np.ndarray, "T N"]:
-    """Numbers tracklets; -1 where there is no detection.
+def link_boxes(frames: Sequence[Boxes]) -> list[Int[np.ndarray, "N"]]:
+    """Numbers the tracklets of each frame; -1 where there is no detection.
 
     A detection goes on with the one of the frame before that overlaps it most, if that overlaps no
     other more, by `MIN_OVERLAP` of the union at least, and is of its class.
     """
-    found = np.full(valid.shape, NONE, np.int32)
+    found: list[np.ndarray] = []
     number = 0
-    for t in range(len(valid)):
-        if t:
-            overlap = box_iou(boxes[t - 1], boxes[t])
-            overlap *= valid[t - 1][:, None] & valid[t]
-            overlap *= class_id[t - 1][:, None] == class_id[t]
-            for slot in np.flatnonzero(valid[t]):
-                before = int(overlap[:, slot].argmax()) if len(overlap) else 0
+    for t, now in enumerate(frames):
+        track = np.full(len(now.valid), NONE, np.int32)
+        if t and len(frames[t - 1].valid):
+            last = frames[t - 1]
+            overlap = box_iou(last.box, now.box) * (last.valid[:, None] & now.valid)
+            overlap *= last.class_id[:, None] == now.class_id
+            for slot in np.flatnonzero(now.valid):
+                before = int(overlap[:, slot].argmax())
                 best = overlap[before, slot]
                 if best >= MIN_OVERLAP and overlap[before].argmax() == slot:
-                    found[t, slot] = found[t - 1, before]
-        fresh = valid[t] & (found[t] == NONE)
-        found[t, fresh] = number + np.arange(int(fresh.sum()))
+                    track[slot] = found[-1][before]
+        fresh = now.valid & (track == NONE)
+        track[fresh] = number + np.arange(int(fresh.sum()))
         number += int(fresh.sum())
+        found.append(track)
     return found

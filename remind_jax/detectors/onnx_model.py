@@ -12,6 +12,10 @@ from jaxtyping import Float
 from remind_jax.errors import ConfigError, WeightsError, first_line
 from remind_jax.files import as_path, say_no_file
 
+# Of ImageNet, RGB after scaling to [0, 1]: what most published networks were trained with.
+MEAN = np.array([0.485, 0.456, 0.406], np.float32)
+STD = np.array([0.229, 0.224, 0.225], np.float32)
+
 MAX_INPUT_PX = 8192  # a side of the input of a network
 
 

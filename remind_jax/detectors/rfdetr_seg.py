@@ -32,14 +32,12 @@ from jaxtyping import Bool, Float, UInt8
 from scipy.special import expit, logit
 
 from remind_jax.detectors.exports import read_class_names
-from remind_jax.detectors.onnx_model import Signature, TensorSpec
+from remind_jax.detectors.onnx_model import MEAN, STD, Signature, TensorSpec
 from remind_jax.detectors.options import DetectorOptions, find_wanted_classes
 from remind_jax.errors import ConfigError, OptionError, WeightsError
 from remind_jax.frame import Detections
 
 KNOWN_SHAPES = "RF-DETR-seg dets [1, Q, 4], labels [1, Q, C], masks [1, Q, mh, mw]"
-_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
-_DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
 
 # COCO's category numbers have gaps; '-' stands for a number that was never used.
 _COCO_TEXT = (
@@ -131,7 +129,7 @@ class RfDetrSeg:
         scaled = cv2.resize(
             image.astype(np.float32) / 255, (width, height), interpolation=cv2.INTER_LINEAR
         )
-        return np.ascontiguousarray(((scaled - _MEAN) / _DEVIATION).transpose(2, 0, 1)[None])
+        return np.ascontiguousarray(((scaled - MEAN) / STD).transpose(2, 0, 1)[None])
 
     def decode(
         self, outputs: Mapping[str, Float[np.ndarray, "..."]], frame_size: tuple[int, int]

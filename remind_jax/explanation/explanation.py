@@ -5,9 +5,10 @@ from __future__ import annotations
 import abc
 import dataclasses
 import enum
+import functools
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from remind_jax.printing.terminal import split_columns
 from remind_jax.printing.words import number
 from remind_jax.tracks import Tracks
 
+Read = TypeVar("Read")
 _MAX_WIDTH = 100  # columns of running text
 
 
@@ -90,6 +92,18 @@ class Explanation(abc.ABC):
             *wrap(f"{place}, detection {self.detection}: {self.name}", width),
             *wrap(became, width),
         ]
+
+
+@functools.cache
+def _kinds(record: type) -> dict[str, Any]:
+    return get_type_hints(record)
+
+
+def read_row(record: type[Read], table: Any, at: Any, **others: Any) -> Read:
+    """A record of the columns of a table that are called as its fields, and of others."""
+    columns = {name: kind for name, kind in _kinds(record).items() if name not in others}
+    found = {name: kind(getattr(table, name)[at].item()) for name, kind in columns.items()}
+    return record(**found, **others)
 
 
 def id_or_none(value: Any) -> int | None:

@@ -229,19 +229,9 @@ class Result(Printable):
         store.check_all_there(run_dir, tracks, run)
         if run is None:
             return cls(tracks, info, complete=False, trace=trace)
-        return cls(
-            tracks=tracks,
-            info=run.info,
-            timings_ms=run.timings_ms,
-            first_frame_ms=run.first_frame_ms,
-            compile_s=run.compile_s,
-            memory=run.memory,
-            skipped=tuple(run.skipped),
-            events=tuple(run.events),
-            complete=run.complete,
-            comparison=run.comparison,
-            trace=trace,
-        )
+        said = msgspec.structs.asdict(run)
+        del said["summary"]
+        return cls(tracks=tracks, trace=trace, **said)
 
 
 def _count_repeated(tracks: Tracks) -> int:

@@ -115,8 +115,8 @@ class RunRecord(msgspec.Struct, frozen=True):
     ]
     first_frame_ms: Milliseconds | None
     compile_s: Milliseconds | None
-    skipped: Annotated[list[SkippedFrame], Meta(max_length=MAX_FRAMES)]
-    events: Annotated[list[Event], Meta(max_length=MAX_FRAMES)]
+    skipped: Annotated[tuple[SkippedFrame, ...], Meta(max_length=MAX_FRAMES)]
+    events: Annotated[tuple[Event, ...], Meta(max_length=MAX_FRAMES)]
     summary: SummaryRecord | None = None
     memory: MemoryUse | None = None
     comparison: Annotated[tuple[tuple[Label, Label, Label, Label], ...], Meta(max_length=100)] = ()

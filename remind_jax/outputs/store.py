@@ -5,12 +5,13 @@ Written line by line; a last line cut off in the middle is left out when it is r
 
 from __future__ import annotations
 
+import abc
 import contextlib
 import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from remind_jax.errors import OutputError
 from remind_jax.files import check_regular, replace_file, writing
@@ -35,32 +36,56 @@ _RESTORE = "run the tracker again or restore the file"
 _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 
 
-class DetectionsWriter(contextlib.AbstractContextManager):
-    """Writes `detections.jsonl` frame by frame; every frame is on disk when `add` returns."""
+class FrameWriter(contextlib.AbstractContextManager):
+    """Writes text frame by frame; every frame is on disk when `add` returns."""
 
-    def __init__(self, path: Path, info: dict[str, Any], *, append: bool = False) -> None:
+    def __init__(self, path: Path, *, append: bool = False) -> None:
         self._path = path
         with writing(path):
             self._file = path.open("a" if append else "w", encoding="utf-8", newline="\n")
             if not append:
-                self._write({"format": FORMAT, "version": VERSION, "info": info})
+                self._write_head(self._file)
+                self._file.flush()
+
+    @abc.abstractmethod
+    def _write_head(self, file: TextIO) -> None:
+        """Writes what stands before the frames."""
+
+    @abc.abstractmethod
+    def _write_frame(self, file: TextIO, tracks: Tracks) -> None:
+        """Writes one frame."""
 
     def add(self, tracks: Tracks) -> None:
         """Appends one frame."""
         with writing(self._path):
-            self._write(tracks_to_json(tracks))
+            self._write_frame(self._file, tracks)
+            self._file.flush()
 
     def close(self) -> None:
         """Closes the file."""
         with writing(self._path):
             self._file.close()
 
-    def _write(self, content: dict[str, Any]) -> None:
-        self._file.write(json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n")
-        self._file.flush()
-
     def __exit__(self, *raised: object) -> None:
         self.close()
+
+
+class DetectionsWriter(FrameWriter):
+    """Writes `detections.jsonl`."""
+
+    def __init__(self, path: Path, info: dict[str, Any], *, append: bool = False) -> None:
+        self._info = info
+        super().__init__(path, append=append)
+
+    def _write_head(self, file: TextIO) -> None:
+        _write_line(file, {"format": FORMAT, "version": VERSION, "info": self._info})
+
+    def _write_frame(self, file: TextIO, tracks: Tracks) -> None:
+        _write_line(file, tracks_to_json(tracks))
+
+
+def _write_line(file: TextIO, content: dict[str, Any]) -> None:
+    file.write(json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n")
 
 
 def _say_lacking(path: Path) -> str:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.files.csv_cells import write_row
 from remind_jax.formats.coco_tracks import coco_video
 from remind_jax.formats.mot import mot_lines, mots_lines
+from remind_jax.outputs.store import FrameWriter
 from remind_jax.tracks import Tracks
 
 # Columns of `tracks.csv`: a value of a detection by frame and row.
@@ -59,33 +59,15 @@ def _round(value: float | None) -> float | None:
     return None if value is None else round(value, 6)
 
 
-class CsvWriter(contextlib.AbstractContextManager):
-    """Writes `tracks.csv` frame by frame; every frame is on disk when `add` returns.
+class CsvWriter(FrameWriter):
+    """Writes `tracks.csv`; text is guarded (`files/csv_cells.py`)."""
 
-    Text is guarded (`files/csv_cells.py`).
-    """
+    def _write_head(self, file: TextIO) -> None:
+        write_row(file, CSV_COLUMNS)
 
-    def __init__(self, path: Path, *, append: bool = False) -> None:
-        self._path = path
-        with files.writing(path):
-            self._file = path.open("a" if append else "w", encoding="utf-8", newline="")
-            if not append:
-                write_row(self._file, CSV_COLUMNS)
-
-    def add(self, tracks: Tracks) -> None:
-        """Appends one frame."""
-        with files.writing(self._path):
-            for row in detection_rows(tracks):
-                write_row(self._file, row.values())
-            self._file.flush()
-
-    def close(self) -> None:
-        """Closes the file."""
-        with files.writing(self._path):
-            self._file.close()
-
-    def __exit__(self, *raised: object) -> None:
-        self.close()
+    def _write_frame(self, file: TextIO, tracks: Tracks) -> None:
+        for row in detection_rows(tracks):
+            write_row(file, row.values())
 
 
 def write_tables(

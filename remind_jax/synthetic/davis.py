@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 
 from remind_jax.errors import OutputError
+from remind_jax.files import writing
 from remind_jax.formats.pictures import TIMES_NAME, decode_image
 from remind_jax.frame import Frame
 from remind_jax.synthetic.rendering import RenderedSequence, render
@@ -55,17 +55,9 @@ def record_davis(scene: Scene, folder: str | Path) -> Iterator[Frame]:
     for frame, picture in _write_frames(render(scene), scene, Path(folder)):
         times_s.append(frame.time_s)
         yield dataclasses.replace(frame, image=decode_image(picture))
-    with _writing(Path(folder)):
+    with writing(Path(folder)):
         text = "".join(f"{time_s!r}\n" for time_s in times_s)
         Path(folder, "JPEGImages", scene.name, TIMES_NAME).write_text(text)
-
-
-@contextlib.contextmanager
-def _writing(root: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"cannot write the sequence to '{root}': {error}") from error
 
 
 def _write_frames(
@@ -79,7 +71,7 @@ def _write_frames(
             f"render at most {_MAX_ID} objects to write them in the DAVIS layout"
         )
     image_folder, map_folder = root / "JPEGImages" / scene.name, root / "Annotations" / scene.name
-    with _writing(root):
+    with writing(root):
         for directory in (image_folder, map_folder):
             directory.mkdir(parents=True, exist_ok=True)
     sightings: dict[int, list[int]] = defaultdict(list)
@@ -92,21 +84,17 @@ def _write_frames(
             instances[mask] = instance
             sightings[instance].append(frame.index)
         bgr = cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR)
-        picture = _encode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        with _writing(root):
+        options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
+        picture = cv2.imencode(".jpg", bgr, options)[1].tobytes()
+        with writing(root):
             (image_folder / f"{frame.name}.jpg").write_bytes(picture)
-            (map_folder / f"{frame.name}.png").write_bytes(_encode(".png", instances))
+            (map_folder / f"{frame.name}.png").write_bytes(
+                cv2.imencode(".png", instances)[1].tobytes()
+            )
         yield frame, picture
-    with _writing(root):
+    with writing(root):
         text = json.dumps(_describe(scene, sightings), indent=1)
         (root / "metadata.json").write_text(text + "\n")
-
-
-def _encode(suffix: str, image: np.ndarray, parameters: Sequence[int] = ()) -> bytes:
-    is_encoded, data = cv2.imencode(suffix, image, parameters)
-    if not is_encoded:
-        raise OutputError(f"a picture of {image.shape[1]}x{image.shape[0]} cannot be encoded")
-    return data.tobytes()
 
 
 def _describe(scene: Scene, sightings: dict[int, list[int]]) -> dict[str, Any]:

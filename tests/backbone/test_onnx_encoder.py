@@ -69,7 +69,7 @@ def test_of_several_outputs_those_meant_have_to_be_named(tmp_path):
     several = r"several outputs of patches, 'tokens' \(16 pixels\), 'grid' .* 'onnx:.*#tokens'"
     with pytest.raises(ConfigError, match=several):
         get_backbone(f"onnx:{path}")
-    for named in (get_backbone(f"onnx:{path}", output="tokens"), get_backbone(f"onnx:{path}#grid")):
+    for named in (get_backbone(f"onnx:{path}#tokens"), get_backbone(f"onnx:{path}#grid")):
         np.testing.assert_allclose(named.extract(IMAGES), expected(), rtol=0, atol=1e-3)
     both = get_backbone(f"onnx:{path}#tokens,grid")
     assert both.dim == 10
@@ -77,11 +77,9 @@ def test_of_several_outputs_those_meant_have_to_be_named(tmp_path):
     np.testing.assert_allclose(both.extract(IMAGES), twice, rtol=0, atol=1e-3)
     assert both.fingerprint != named.fingerprint
     with pytest.raises(ConfigError, match="has no output 'patches'; its outputs are pooled"):
-        get_backbone(f"onnx:{path}", output="patches")
+        get_backbone(f"onnx:{path}#patches")
     with pytest.raises(WeightsError, match="not every one of the outputs 'tokens,pooled'"):
         get_backbone(f"onnx:{path}#tokens,pooled")
-    with pytest.raises(ConfigError, match="names an output, and output='grid' another"):
-        get_backbone(f"onnx:{path}#tokens", output="grid")
 
 
 def test_a_frame_of_the_fixed_size_is_seen_as_it_is(tmp_path):

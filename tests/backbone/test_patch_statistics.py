@@ -12,7 +12,7 @@ from remind_jax.backbone.patch_statistics import (
     measure_cells,
     typical_histograms,
 )
-from remind_jax.errors import ConfigError, SourceError
+from remind_jax.errors import SourceError
 
 FLOAT32_SUM = 2e-5  # histograms sum 64 to 576 float32 shares; features are of order one
 PALETTE = ((200, 60, 50), (60, 160, 70), (70, 90, 190), (190, 170, 60), (150, 150, 150))
@@ -58,11 +58,6 @@ def test_every_patch_gets_finite_float32_features():
 def test_frame_smaller_than_a_patch_is_refused():
     with pytest.raises(SourceError, match="64x15 pixels is smaller than one patch"):
         get_backbone().extract(np.zeros((1, 15, 64, 3), np.uint8))
-
-
-def test_centering_must_be_a_share():
-    with pytest.raises(ConfigError, match=r"centering is 1\.5; it must lie in \[0, 1\]"):
-        get_backbone(centering=1.5)
 
 
 def test_a_size_compiles_once_and_repeats_exactly(caplog):

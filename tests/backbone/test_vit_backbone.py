@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from remind_jax.backbone import get_backbone
-from remind_jax.backbone.preprocessing import normalize
 from remind_jax.backbone.vit import Numerics, VisionTransformer, encode
-from remind_jax.backbone.vit_backbone import choose_attention
+from remind_jax.backbone.vit_backbone import choose_attention, normalize
 from remind_jax.backbone.vit_variants import get_variant
 from remind_jax.errors import ConfigError, WeightsError
 from tests.backbone.networks import converted, converted_file

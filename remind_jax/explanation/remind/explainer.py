@@ -12,7 +12,7 @@ import numpy as np
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
 from remind_jax.explanation.archive import first_rows
 from remind_jax.explanation.explainer import Explainer
-from remind_jax.explanation.explanation import id_or_none
+from remind_jax.explanation.explanation import id_or_none, read_row
 from remind_jax.explanation.remind.explanation import (
     Anchor,
     Candidate,
@@ -26,10 +26,7 @@ from remind_jax.explanation.remind.explanation import (
     Voter,
 )
 from remind_jax.explanation.remind.reasons import give_reasons
-from remind_jax.remind.association.gating import Gate
-from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.disambiguation.joint_assignments import GroupStatus
-from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.stages import Lock, MatchOrigin, Stages
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import (
@@ -106,7 +103,6 @@ class RemindExplainer(Explainer[FrameRecord]):
             if i != NO_ID
         )
         groups = known.group
-        context = record.context
         explanation = RemindExplanation(
             frame=tracks.frame_index,
             time_s=float(tracks.time_s),
@@ -134,9 +130,7 @@ class RemindExplainer(Explainer[FrameRecord]):
                 _candidate(known.candidates, row, place, record, name)
                 for place in np.flatnonzero(known.candidates.id[row] != NO_ID).tolist()
             ),
-            context=Context(
-                bool(context.enabled), float(context.quality), bool(context.usable)
-            ),
+            context=read_row(Context, record.context, ()),
             anchors=tuple(
                 Anchor(int(k), int(known.anchor_id[k]), name(int(known.anchor_id[k])))
                 for k in np.flatnonzero(known.anchor_id != NO_ID)
@@ -174,25 +168,16 @@ def _candidate(
 
     object_id = int(take("id"))
     columns = zip(_TERMS, take("value"), take("present"), take("weight"), strict=False)
-    return Candidate(
+    return read_row(
+        Candidate,
+        c,
+        (row, place),
         object_id=object_id,
         name=name(object_id),
-        lifecycle=Lifecycle(int(take("lifecycle"))),
-        unseen_frames=int(take("unseen_frames")),
         terms={
             term: Term(float(score) if present else None, float(weight))
             for term, score, present, weight in columns
         },
-        visual_score=float(take("visual_score")),
-        bonus=float(take("bonus")),
-        bonus_raw=float(take("bonus_raw")),
-        backed=bool(take("backed")),
-        veto=Veto(int(take("veto"))),
-        gate=Gate(int(take("gate"))),
-        plausible=bool(take("plausible")),
-        assignment_score=float(take("assignment_score")),
-        final_score=float(take("final_score")),
-        comparable_score=float(take("comparable_score")),
         held_by=record.holder(object_id, other_than=row),
     )
 
@@ -227,16 +212,14 @@ def _known_set(passes: PassTrace, row: int, turn: int, name: Name) -> KnownSet:
         for place, anchor in enumerate(take("anchor_id"))
         if anchor != NO_ID
     )
-    return KnownSet(
+    return read_row(
+        KnownSet,
+        passes,
+        (row, turn),
         turn=turn,
-        status=GroupStatus(int(take("status"))),
-        reason=Reason(int(take("reason"))),
         detections=tuple(np.flatnonzero(passes.root[:, turn] == take("root")).tolist()),
         options=dict(zip(options, take("option_score").tolist(), strict=False)),
         proposed_id=id_or_none(take("proposed_id")),
-        score=float(take("score")),
         second=None if take("second") < 0 else float(take("second")),
-        core_gap=float(take("core_gap")),
-        evidence=float(take("evidence")),
         voters=voters,
     )
