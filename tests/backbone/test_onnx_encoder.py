@@ -133,13 +133,6 @@ def test_output_that_does_not_follow_the_image(tmp_path):
         backbone.extract(IMAGES)
 
 
-@pytest.mark.parametrize("shape", [(1, 4, "h", "w"), (8, 3, "h", "w"), (1, 3, "n")])
-def test_input_that_is_no_image(tmp_path, shape):
-    path = write_fixed_answer(tmp_path / "a.onnx", {"out": np.zeros((1, 8))}, shape)
-    with pytest.raises(WeightsError, match=r"has the inputs images .* an image encoder has one"):
-        get_backbone(f"onnx:{path}")
-
-
 @given(
     st.sampled_from([7, 8, 14, 16, 28, 32]),
     st.integers(1, 2000),

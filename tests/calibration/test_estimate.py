@@ -100,8 +100,3 @@ def test_parts_are_merged_by_how_parts_lie():
     found = estimate_part_merge(cosines, 0.5 * cosines[::-1] + 0.25, START)
     assert found == pytest.approx(0.5 * START[PART_MERGE] + 0.25)
     assert estimate_part_merge(cosines, np.zeros(0), START) == START[PART_MERGE]
-
-
-def test_every_name_is_a_threshold_of_the_method():
-    evidence, same = draw(0)
-    assert set(estimate(evidence, evidence, same, START)) <= set(START)

@@ -14,7 +14,6 @@ from remind_jax.detectors import (
 from remind_jax.detectors.detector import refine_detections
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from remind_jax.frame import Detections
-from tests.sources.published import sam_masks, ultralytics_results
 
 from .onnx_bytes import model, node, write_echo, write_fixed_answer
 from .test_rfdetr_seg import NAMED, answer
@@ -145,21 +144,6 @@ def test_a_callable_keeps_its_masks_unless_asked_otherwise():
     json.dumps(strict.describe())
 
 
-@pytest.mark.parametrize("as_answer", [lambda one: one, lambda one: [one]])
-def test_functions_may_answer_as_yolo_and_sam_do(as_answer):
-    image = np.zeros((32, 48, 3), np.uint8)
-    planes = np.zeros((1, 48, 48))
-    planes[0, 16:32, 4:20] = 1  # the frame lies 8 pixels below the top of the letterbox
-    yolo = CallableDetector(
-        lambda image: as_answer(ultralytics_results((32, 48), [[4, 8, 20, 24]], planes))
-    )
-    found = yolo(image)
-    assert (found.labels, int(np.asarray(found.masks).sum())) == (("cup",), 16 * 16)
-    assert found.masks[0, 8:24, 4:20].all()
-    sam = CallableDetector(lambda image: sam_masks(found.masks))
-    np.testing.assert_array_equal(sam(image).masks, found.masks)
-
-
 def test_a_callable_may_answer_in_any_known_form():
     def boxes_only(image):
         return {"boxes": [[2, 3, 12, 9]], "class_ids": [1], "scores": [0.5]}
@@ -188,12 +172,6 @@ def test_masks_may_lie_in_memory_in_any_order(layout):
         DetectorOptions(),
     )
     assert np.asarray(detector(FRAME).masks).sum(axis=(1, 2)).tolist() == [49]
-
-
-def test_a_callable_with_masks_of_another_picture_is_refused():
-    detector = CallableDetector(lambda image: Detections.create(np.ones((1, 50, 6))))
-    with pytest.raises(SourceError, match="256x192"):
-        detector(FRAME)
 
 
 def test_none_detectors_and_nonsense():

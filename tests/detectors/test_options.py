@@ -3,7 +3,7 @@ import pytest
 
 from remind_jax.detectors import DetectorOptions
 from remind_jax.detectors.options import find_wanted_classes
-from remind_jax.errors import ConfigError, OptionError
+from remind_jax.errors import ConfigError
 
 
 @pytest.mark.parametrize(
@@ -24,13 +24,21 @@ from remind_jax.errors import ConfigError, OptionError
         ("classes", "chair", "list of class names"),
         ("ignored_classes", None, "list of class names"),
         ("ignored_classes", [3], "list of class names"),
+        # These would exhaust the machine.
+        ("input_size_px", 10**9, "from 32 to"),
+        ("num_threads", 10**6, "from 1 to"),
+        ("erosion_px", 10**6, "from 0 to"),
+        ("max_detections", 10**12, "from 1 to"),
+        ("min_mask_px", 10**30, "from 1 to"),
+        ("class_names", ["x" * 201], "give "),
+        ("class_names", [""], "give "),
     ],
 )
 def test_a_bad_value_is_named_with_what_is_allowed(field, value, allowed):
     with pytest.raises(ConfigError) as caught:
         DetectorOptions(**{field: value})
     message = str(caught.value)
-    assert str(value) in message
+    assert str(value)[:20] in message
     assert allowed in message
     assert "\n" not in message
 
@@ -55,20 +63,3 @@ def test_columns_without_a_name_are_never_wanted():
 def test_an_unknown_class_is_refused_with_the_nearest_name():
     with pytest.raises(ConfigError, match="did you mean 'chair'"):
         find_wanted_classes(["chair", "cup"], DetectorOptions(classes=("chiar",)))
-
-
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [
-        ("input_size_px", 10**9),
-        ("num_threads", 10**6),
-        ("erosion_px", 10**6),
-        ("max_detections", 10**12),
-        ("min_mask_px", 10**30),
-        ("class_names", ["x" * 201]),
-        ("class_names", [""]),
-    ],
-)
-def test_values_that_would_exhaust_the_machine_are_refused(option, value):
-    with pytest.raises(OptionError, match=f"'{option}' is .*give "):
-        DetectorOptions(**{option: value})
