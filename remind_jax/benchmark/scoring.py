@@ -60,7 +60,7 @@ def score(out: Path, record: Record, truth: TrackRows) -> Scored:
         _, tracks = read_detections(folder / DETECTIONS_NAME)
         paired = pair_scene(truth, number_detections(tracks, truth.name))
         strict, settled = (
-            evaluate_pair(paired, tracks, undecided=how)[0] for how in ("strict", "collapse")
+            evaluate_pair(paired, tracks, undecided=how) for how in ("strict", "collapse")
         )
     except RemindError as error:
         return Scored(record, error=str(error))

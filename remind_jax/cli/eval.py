@@ -109,16 +109,11 @@ class Eval:
 
         if not self.predictions:
             raise RemindError("--protocol paper needs predictions; name them after the truth")
+        formats: dict[str, Any] = {"format": self.format, "truth_format": self.truth_format}
         evaluations = [
             evaluation
             for name, path in name_predictions(self.predictions).items()
-            for evaluation in evaluate_paper(
-                self.truth,
-                path,
-                format=self.format,
-                truth_format=self.truth_format,
-                name=name,
-            )
+            for evaluation in evaluate_paper(self.truth, path, name=name, **formats)
         ]
         title = f"{self.truth.name}, the paper's protocol"
         table = paper_table(evaluations, num_resamples=self.resamples, title=title)
@@ -133,18 +128,17 @@ class Eval:
         return process.FINE
 
     def _evaluate(self) -> list[SetEvaluation]:
-        from remind_jax.metrics.scene_evaluation import SceneOptions, evaluate_all
+        from remind_jax.metrics.scene_evaluation import SceneOptions, evaluate, name_predictions
 
         if not self.predictions:
             return [self._evaluate_alone()]
-        options = SceneOptions(
-            num_frames=self.num_frames,
-            class_id=self.class_id,
-            undecided=self.undecided,
-            by_class=self.by_class,
-            min_absence_frames=self.min_absence_frames,
-        )
-        return evaluate_all(self.truth, self.predictions, self.format, self.truth_format, options)
+        names = [field.name for field in dataclasses.fields(SceneOptions)]
+        options = SceneOptions(**{name: getattr(self, name) for name in names})
+        formats: dict[str, Any] = {"format": self.format, "truth_format": self.truth_format}
+        return [
+            evaluate(self.truth, path, name=name, options=options, **formats)
+            for name, path in name_predictions(self.predictions).items()
+        ]
 
     def _evaluate_alone(self) -> SetEvaluation:
         """Scores a run by the true instances that it was given."""

@@ -87,7 +87,7 @@ def evaluate_tracks(
         undecided=undecided,
         by_class=by_class,
         min_absence_frames=min_absence_frames,
-    )[0]
+    )
 
 
 def evaluate_pair(
@@ -97,30 +97,24 @@ def evaluate_pair(
     undecided: Undecided = "strict",
     by_class: bool = False,
     min_absence_frames: int = 1,
-) -> tuple[Evaluation, tuple[str, ...]]:
-    """Scores a paired scene; also notes about what was left out."""
+) -> Evaluation:
+    """Scores a paired scene."""
     firm = None if tracks is None else Labels.create(tracks, "strict")
     chosen = firm if tracks is None or undecided == "strict" else Labels.create(tracks, undecided)
-
-    def relabel(numbered: TrackingSequence) -> tuple[TrackingSequence, TrackingSequence | None]:
-        """Under the chosen labels, and under the firm ones where these are others."""
-        return (
-            numbered if chosen is None else chosen.apply(numbered),
-            None if firm is None or firm is chosen else firm.apply(numbered),
-        )
-
-    sequence, firm_sequence = relabel(paired.sequence)
+    numbered = paired.sequence
+    sequence = numbered if chosen is None else chosen.apply(numbered)
+    firm_sequence = None if firm is None or firm is chosen else firm.apply(numbered)
     evaluation = evaluate_sequence(
         sequence,
         firm=firm_sequence,
-        uncertainty=None if tracks is None else _judge(paired.sequence, tracks),
+        uncertainty=None if tracks is None else _judge(numbered, tracks),
         num_repeated=0 if chosen is None else chosen.num_repeated,
         min_absence_frames=min_absence_frames,
     )
     if by_class:
         classes = evaluate_classes(sequence, firm_sequence, min_absence_frames)
         evaluation = dataclasses.replace(evaluation, by_class=classes)
-    return evaluation, paired.notes
+    return evaluation
 
 
 def check_undecided(undecided: str) -> None:

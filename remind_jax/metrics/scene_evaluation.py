@@ -123,11 +123,7 @@ def evaluate(
     check_undecided(options.undecided)
     stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
 
-    def score(scene: str, predicted: str) -> tuple[Evaluation, list[str]]:
-        evaluation, notes = _score_scene(stream, scene, predicted, options)
-        return evaluation, _doubt_truth(evaluation) + notes
-
-    results, failed, notes = stream.score(score)
+    results, failed, notes = stream.score(lambda s, p: _score_scene(stream, s, p, options))
     return SetEvaluation(stream.name, tuple(results.values()), failed, notes)
 
 
@@ -150,14 +146,15 @@ def _score_scene(
         paired, has_classes = pair_scene(*texts), False
     else:
         paired = pair_scene(rows, predictions.read[predicted]())
-    evaluation, left_out = evaluate_pair(
+    evaluation = evaluate_pair(
         paired,
         tracks,
         undecided=options.undecided,
         by_class=options.by_class and has_classes,
         min_absence_frames=options.min_absence_frames,
     )
-    return dataclasses.replace(evaluation, name=scene), list(left_out)
+    notes = [*_doubt_truth(evaluation), *paired.notes]
+    return dataclasses.replace(evaluation, name=scene), notes
 
 
 def _doubt_truth(evaluation: Evaluation) -> list[str]:
@@ -193,22 +190,11 @@ def compare(
     Raises:
       SourceError: If truth or a prediction cannot be read, or every scene of one fails.
     """
-    scored = evaluate_all(truth, predictions, format, truth_format, options or SceneOptions())
-    return table_of(scored, num_resamples=num_resamples)
-
-
-def evaluate_all(
-    truth: str | Path,
-    predictions: Mapping[str, str | Path] | Sequence[str | Path],
-    format: Format | None,
-    truth_format: Format | None,
-    options: SceneOptions,
-) -> list[SetEvaluation]:
-    """Scores several predictions by the same rules; arguments as of `evaluate`."""
-    return [
+    scored = [
         evaluate(truth, path, format=format, truth_format=truth_format, name=name, options=options)
         for name, path in name_predictions(predictions).items()
     ]
+    return table_of(scored, num_resamples=num_resamples)
 
 
 def table_of(
