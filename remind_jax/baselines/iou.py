@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from remind_jax.baselines.parts.boxes import box_iou
 from remind_jax.baselines.parts.scene_memory import (
     Matching,
     SceneMemory,
+    box_iou,
     conclude,
     empty_memory,
     find_faults,

@@ -16,11 +16,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.baselines.parts.boxes import box_iou
 from remind_jax.baselines.parts.masked_mean import LookedAt, Looks, describe
 from remind_jax.baselines.parts.scene_memory import (
     Matching,
     SceneMemory,
+    box_iou,
     conclude,
     empty_memory,
     find_faults,

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 from jaxtyping import Bool
+from msgspec.structs import replace
 
 from remind_jax.crops import require_room
 from remind_jax.errors import RemindError, SourceError
@@ -171,16 +172,8 @@ class CocoMasks:
                 self._count_bad(f"{where}: there are more than its video has frames")
             elif code.record is not None:
                 place = names[index] if names else _Position(index)
-                yield (
-                    place,
-                    Detection(
-                        category_id=track.category_id,
-                        label=track.label,
-                        segmentation=code.record,
-                        score=track.score,
-                        instance_id=track.id,
-                    ),
-                )
+                changes: dict[str, Any] = {"segmentation": code.record, "instance_id": track.id}
+                yield place, replace(track, segmentations=None, bboxes=None, bbox=None, **changes)
 
     def _rows_of_frames(
         self, raws: list[msgspec.Raw], by_place: dict[_Place, list[Detection]]
