@@ -6,7 +6,6 @@ The tracker by overlap serves here: what is announced does not depend on who dec
 import csv
 import dataclasses
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -71,11 +70,6 @@ def test_an_object_has_an_id_from_the_nth_detection_on():
     assert answers[0].pending_id[0] == answers[1].pending_id[0] != answers[1].pending_id[1]
     assert answers[2].pending_id.tolist() == [-1]
     assert announced.counts == {4: 1}
-
-
-def test_a_frame_counts_once():
-    answers, _ = follow([frame_of(3, 3), frame_of(3)], 2)
-    assert ids(answers) == [[NO_ID, NO_ID], [0]]
 
 
 def test_known_objects_are_announced_at_once():
@@ -150,7 +144,8 @@ def test_no_id_is_given_to_two_objects_of_a_frame():
     assert answers.outcome[0] == Outcome.PROVISIONAL_NEW
 
 
-RUNS = st.lists(st.lists(st.integers(0, 12), unique=True, max_size=6), min_size=1, max_size=12)
+# An object that is twice in a frame was detected once.
+RUNS = st.lists(st.lists(st.integers(0, 12), max_size=6), min_size=1, max_size=12)
 AFTERS = st.integers(1, 5)
 
 
@@ -238,15 +233,6 @@ def run(**options: Any) -> Result:
 EXPECTED = [[0, 1]] * 3 + [[0, 1, NO_ID]] + [[0, 1, 2]] * 4
 
 
-def test_live_objects_are_provisional_until_they_are_announced():
-    tracker = rj.Tracker(announce_after=AFTER, **OPTIONS)
-    answers = [tracker.update(*picture) for picture in PICTURES]
-    assert ids(answers)[:2] == [[NO_ID, NO_ID]] * 2
-    assert ids(answers)[2:4] == [[0, 1], [0, 1, NO_ID]]
-    assert ids(answers)[4:] == [[0, 1, NO_ID]] * 2 + [[0, 1, 2]] * 2
-    assert tracker.announce_after == AFTER
-
-
 def test_masks_are_announced_at_once_and_detections_of_a_detector_are_not():
     given = rj.run(PICTURES, **OPTIONS)
     assert ids(list(given.tracks))[3] == [0, 1, 2]
@@ -305,19 +291,14 @@ def test_pictures_wait_for_announcements(tmp_path, monkeypatch):
     assert ids(drawn)[3] == [0, 1, 2]
 
 
-def save_first_half(folder: Path, **options: Any) -> Path:
-    tracker = rj.Tracker(**OPTIONS | options)
-    for picture in PICTURES[:4]:
-        tracker.update(*picture)
-    tracker.save(folder / "memory.safetensors")
-    return folder / "memory.safetensors"
-
-
-def test_ids_stay_from_run_to_run(tmp_path):
-    path = save_first_half(tmp_path, announce_after=AFTER)
+def test_live_ids_stay_from_run_to_run(tmp_path):
+    tracker = rj.Tracker(announce_after=AFTER, **OPTIONS)
+    first = [tracker.update(*picture) for picture in PICTURES[:4]]
+    assert ids(first) == [[NO_ID, NO_ID], [NO_ID, NO_ID], [0, 1], [0, 1, NO_ID]]
+    tracker.save(tmp_path / "memory.safetensors")
     for after, expected in ((AFTER, [NO_ID, NO_ID, 2, 2]), (1, [2, 2, 2, 2])):
         tracker = rj.Tracker(announce_after=after, **OPTIONS)
-        tracker.load(path)
+        tracker.load(tmp_path / "memory.safetensors")
         assert ids([tracker.update(*picture) for picture in PICTURES[4:]]) == [
             [0, 1, last] for last in expected
         ]

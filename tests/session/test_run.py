@@ -6,7 +6,7 @@ All runs share the compiled program of the tests of the live tracker.
 import importlib.metadata
 import itertools
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import cv2
@@ -24,6 +24,7 @@ from remind_jax.outputs.writer import MEMORY_NAME
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress
 from remind_jax.sources import detections_from
+from remind_jax.tracks import Tracks
 from tests.cli import scenes
 
 CONFIG = {}
@@ -31,15 +32,15 @@ NUM = 6
 PICTURES = [scenes.picture(index) for index in range(NUM)]
 
 
-def identities(result: Result) -> list[list[int]]:
-    return [tracks.object_id.tolist() for tracks in result.tracks]
-
-
-def assert_same_decisions(ours: Result, theirs: Result) -> None:
-    for a, b in zip(ours.tracks, theirs.tracks, strict=True):
+def assert_same_decisions(ours: Iterable[Tracks], theirs: Iterable[Tracks]) -> None:
+    for a, b in zip(ours, theirs, strict=True):
         np.testing.assert_array_equal(a.object_id, b.object_id)
         np.testing.assert_array_equal(a.outcome, b.outcome)
         np.testing.assert_array_equal(a.score, b.score)
+
+
+def identities(result: Result) -> list[list[int]]:
+    return [tracks.object_id.tolist() for tracks in result.tracks]
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +134,7 @@ def as_detector() -> dict[str, Any]:
 
 @pytest.mark.parametrize("give", [as_arrays, as_iterator, as_frames, as_detector])
 def test_the_form_of_the_input_does_not_matter(whole, give):
-    assert_same_decisions(rj.run(**give(), config=CONFIG), whole)
+    assert_same_decisions(rj.run(**give(), config=CONFIG).tracks, whole.tracks)
 
 
 def test_a_run_folder_says_what_found_the_detections(tmp_path):
@@ -145,22 +146,11 @@ def test_a_run_folder_says_what_found_the_detections(tmp_path):
     assert detector["options"]["erosion_px"] == 0
 
 
-def test_live_tracker_decides_the_same(whole):
-    tracker = Tracker(CONFIG)
-    for picture, expected in zip(PICTURES, whole.tracks, strict=True):
-        tracks = tracker.update(*picture)
-        np.testing.assert_array_equal(tracks.object_id, expected.object_id)
-        np.testing.assert_array_equal(tracks.score, expected.score)
-
-
 def test_going_on_from_a_memory_file_is_going_on(whole, tmp_path):
     first = rj.run(PICTURES[:3], config=CONFIG, out=tmp_path / "first", overlay=False)
     rest = rj.run(PICTURES[3:], memory=tmp_path / "first" / MEMORY_NAME)
     assert rest.info.config["static"] == {**first.info.config["static"], "feature_dim": 177}
-    for ours, theirs in zip((*first.tracks, *rest.tracks), whole.tracks, strict=True):
-        np.testing.assert_array_equal(ours.object_id, theirs.object_id)
-        np.testing.assert_array_equal(ours.outcome, theirs.outcome)
-        np.testing.assert_array_equal(ours.score, theirs.score)
+    assert_same_decisions((*first.tracks, *rest.tracks), whole.tracks)
 
 
 def test_progress_counts(whole):
