@@ -107,14 +107,6 @@ def test_one_group_is_one_call_of_scipy(shape):
         np.testing.assert_array_equal(result, expected)
 
 
-def test_uncertain_row_gives_way():
-    """Example of method.md#dummy-columns."""
-    scores = np.array([[0.80], [0.79]], np.float32)
-    dummy = np.array([0.249752, 0.203938], np.float32)
-    rest = np.ones((2, 1), bool), np.zeros(2, np.int32), dummy, np.bool_(True)
-    assert twin()(scores, *rest).tolist() == [NO_SLOT, 0]
-
-
 def test_invalid_score_ends():
     """SciPy refuses such a table; the twin leaves rows without a column, and comes back."""
     scores = np.full((6, 4), np.nan, np.float32)

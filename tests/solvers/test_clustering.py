@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from remind_jax.errors import ConfigError
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.solvers.clustering import cluster_points, kmeans, kmeans_with_centers
-from remind_jax.solvers.clustering_in_graph import _draw_numbers, _multiply
+from remind_jax.solvers.clustering_in_graph import _draw_numbers
 
 # Centers are float32 means of unit vectors, added in another order.
 CENTER_ROUNDING = 1e-5
@@ -159,12 +159,6 @@ def test_rejected_words_are_skipped():
     expected = [int(stream.integers(0, count)) for _ in range(8)]
     drawn = np.asarray(_draw_numbers(jnp.asarray([count], jnp.int32), 0, 64))[0, :8]
     assert drawn.tolist() == expected
-
-
-@given(left=st.integers(0, 2**32 - 1), right=st.integers(0, 2**32 - 1))
-def test_product_of_words(left, right):
-    upper, lower = _multiply(*(jnp.asarray(np.uint32(x)) for x in (left, right)))
-    assert (int(upper) << 32) + int(lower) == left * right
 
 
 def test_unknown_solver_is_named():

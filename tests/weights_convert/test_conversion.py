@@ -1,6 +1,7 @@
 """Published files become ours: every layout, every key, and every way of being wrong."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -209,22 +210,16 @@ def test_rule_of_resampling_is_that_of_the_layout_or_the_callers(conversion):
     assert rule(published, position="offset") == "offset"
 
 
-@pytest.mark.parametrize("num_bytes", [0, 5, 8, 100, 20_000, -1])
-def test_truncated_safetensors(tmp_path, num_bytes):
-    path = tmp_path / "a.safetensors"
-    save_file(tiny(), path)
-    path.write_bytes(path.read_bytes()[:num_bytes])
-    with pytest.raises(WeightsError, match="is damaged or of another form"):
-        convert(path, tmp_path / "out.safetensors")
-
-
 def test_sources_that_are_none(tmp_path):
     (tmp_path / "notes.txt").write_text("x")
     (tmp_path / "empty").mkdir()
+    save_file(tiny(), tmp_path / "cut.safetensors")
+    os.truncate(tmp_path / "cut.safetensors", 20_000)
     for name, told in (
         ("missing.pth", "does not exist"),
         ("notes.txt", "is no weight file"),
         ("empty", "holds no weight file"),
+        ("cut.safetensors", "is damaged or of another form"),
     ):
         with pytest.raises(WeightsError, match=told):
             convert(tmp_path / name, tmp_path / "out.safetensors")
