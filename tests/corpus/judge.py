@@ -173,23 +173,16 @@ def _judge(status: int, told: str, broken: str, change: Change) -> Verdict:
 
 
 def count(verdicts: list[tuple[str, int, Verdict]]) -> str:
-    """A table of formats and ends, and what bad ones have in common, the most frequent first."""
-    kinds = sorted({verdict.kind for _, _, verdict in verdicts})
-    by_format = collections.Counter((name, verdict.kind) for name, _, verdict in verdicts)
-    rows = [["format", *kinds]]
-    names = list(dict.fromkeys(name for name, _, _ in verdicts))
-    rows += [[name, *(str(by_format[name, kind] or "") for kind in kinds)] for name in names]
-    rows.append(["all", *(str(sum(by_format[n, kind] for n in names)) for kind in kinds)])
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    lines.insert(1, "|" + " --- |" * len(rows[0]))
+    """How many cases of each format ended how, then what bad ones have in common."""
+    ends = collections.Counter(f"{name}: {verdict.kind}" for name, _, verdict in verdicts)
+    lines = [f"{times:6} {end}" for end, times in sorted(ends.items())]
     causes = collections.defaultdict(list)
     for name, seed, verdict in verdicts:
         if verdict.kind not in GOOD:
             told = re.sub(r"\d+", "#", verdict.told)
-            causes[verdict.kind, name, told[:100]].append((seed, verdict))
-    lines += ["", "| times | end | format | first seed | change | said |", "|" + " --- |" * 6]
-    for (kind, name, _), cases in sorted(causes.items(), key=lambda item: -len(item[1])):
+            causes[f"{verdict.kind}, {name}", told[:100]].append((seed, verdict))
+    for (end, _), cases in sorted(causes.items(), key=lambda item: -len(item[1])):
         seed, first = cases[0]
-        said = first.told.replace("|", "/").replace("\n", " ")[:140]
-        lines.append(f"| {len(cases)} | {kind} | {name} | {seed} | {first.change.name} | {said} |")
+        lines.append(f"{len(cases)} x {end}, first of seed {seed} ({first.change.name}):")
+        lines.append(first.told[:140])
     return "\n".join(lines) + "\n"

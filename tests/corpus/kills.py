@@ -249,20 +249,11 @@ def run_kills(course: Course, names: list[str], num_kills: int, seed: int) -> It
         yield case
 
 
-def table(cases: list[Case]) -> str:
+def summary(cases: list[Case]) -> str:
     """Kills by kind and place, and what failed."""
-    places = ("before the first", "in the middle", "at the end")
-    rows = [["command", "cases", "kills", *places, "failed"]]
-    for name in KINDS:
-        mine = [case for case in cases if case.kind == name]
-        hit = collections.Counter(place for case in mine for place in case.kills)
-        failed = sum(bool(case.failures) for case in mine)
-        numbers = [len(mine), hit.total(), *(hit[place] for place in places), failed]
-        rows.append([name, *map(str, numbers)])
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    lines.insert(1, "|" + " --- |" * len(rows[0]))
-    lines += [f"{case.kind}: {what}" for case in cases for what in case.failures]
-    return "\n".join(lines)
+    hit = collections.Counter((case.kind, place) for case in cases for place in case.kills)
+    lines = [f"{times:6} {kind}, {place}" for (kind, place), times in sorted(hit.items())]
+    return "\n".join(lines + [f"{case.kind}: {what}" for case in cases for what in case.failures])
 
 
 def main() -> int:
@@ -280,7 +271,7 @@ def main() -> int:
         print(case, flush=True)
     if not any(case.failures for case in cases):
         shutil.rmtree(folder)
-    print(table(cases))
+    print(summary(cases))
     return int(any(case.failures for case in cases))
 
 
