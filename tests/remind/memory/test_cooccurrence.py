@@ -64,7 +64,7 @@ def test_full_list_keeps_the_lowest_ids_of_equal_edges():
 
 def test_later_decided_detection_shows_the_object():
     slot, order = jnp.array([2, 0, 2, 5]), jnp.array([7, 1, 3, 9])
-    seen = gather_sightings(slot, order, jnp.array([True, False, False, True]), 4)
+    seen = _sightings(slot, order, jnp.array([True, False, False, True]), jnp.zeros(4))
     np.testing.assert_array_equal(seen.row, [2, 0, 4, 4])
     np.testing.assert_array_equal(seen.detection, [1, 4, 0, 4])
     np.testing.assert_array_equal(seen.visible, [True, False, True, False])
