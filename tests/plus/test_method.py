@@ -82,10 +82,9 @@ def test_other_trackers_do_not_revise(frames):
         rj.run(frames, tracker="iou", delay=3)
 
 
-@pytest.mark.parametrize("delay", [0, 8])
-def test_announcing_changes_no_answer_but_its_number(frames, delay):
-    at_once = rj.run(frames, config="plus", delay=delay)
-    announced = rj.run(frames, config="plus", delay=delay, announce_after=3)
+def test_announcing_changes_no_answer_but_its_number(frames):
+    at_once = rj.run(frames, config="plus", delay=8)
+    announced = rj.run(frames, config="plus", delay=8, announce_after=3)
     number: dict[int, int] = {}
     for plain, told in zip(at_once.tracks, announced.tracks, strict=True):
         for old, new in zip(plain.object_id.tolist(), told.object_id.tolist(), strict=True):

@@ -6,6 +6,7 @@ import numpy as np
 
 from remind_ros.bag import from_store
 from remind_ros.definitions import add_types
+from tests.cli import scenes
 
 TYPES = add_types()
 make = from_store(TYPES)
@@ -72,12 +73,5 @@ def hypothesis(class_id: str, score: float) -> Any:
 
 def scene(index: int) -> tuple[np.ndarray, np.ndarray]:
     """A picture and its instance map: two patterned squares that move slowly."""
-    draw = np.random.default_rng(7)
-    picture = np.full((96, 128, 3), 90, np.uint8)
-    numbers = np.zeros((96, 128), np.uint16)
-    for number, (top, left) in enumerate(((16, 10), (40, 80)), start=1):
-        left += index % 4
-        pattern = draw.integers(0, 255, (8, 8, 3), np.uint8).repeat(4, 0).repeat(4, 1)
-        picture[top : top + 32, left : left + 32] = pattern
-        numbers[top : top + 32, left : left + 32] = number
-    return picture, numbers
+    picture, numbers = scenes.picture(index, (1, 2))
+    return picture, numbers.astype(np.uint16)

@@ -60,7 +60,7 @@ def test_every_id_in_the_bag_is_that_of_the_run(bag, tmp_path):
     assert answers == expected
     assert (done.num_images, done.num_detections, done.num_objects) == (11, 22, 2)
     (why,) = done.refused
-    assert "5300000000 ns: the instance map has 128x50 pixels" in why
+    assert "5300000000 ns: the instance map has 256x50 pixels" in why
 
 
 def test_the_command_says_what_it_did(bag, tmp_path, capsys):

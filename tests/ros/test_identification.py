@@ -50,12 +50,8 @@ def test_messages_can_be_sent(identification):
         again = messages.TYPES.deserialize_cdr(raw, kind)
         assert messages.TYPES.serialize_cdr(again, kind) == raw
     box = answer.detections.detections[0].bbox
-    assert (box.center.position.x, box.center.position.y, box.size_x, box.size_y) == (
-        26,
-        32,
-        32,
-        32,
-    )
+    place = box.center.position
+    assert (place.x, place.y, box.size_x, box.size_y) == (48, 48, 80, 80)
 
 
 def test_an_undecided_detection_names_what_it_may_be(identification, monkeypatch):
@@ -107,7 +103,7 @@ def test_classes_get_names(tracker):
     tracker.reset()
     identification = Identification(messages.make, tracker, {"3": "mug"})
     picture, _ = messages.scene(0)
-    given = messages.boxes([(10, 16, 42, 48), (80, 40, 112, 72)], ["3", "bowl"])
+    given = messages.boxes([(8, 8, 88, 88), (136, 8, 216, 88)], ["3", "bowl"])
     answer = identification.identify(messages.image(picture), boxes=given)
     assert [one.label for one in answer.identities.identities] == ["mug", "bowl"]
     assert np.isfinite([one.confidence for one in answer.identities.identities]).all()

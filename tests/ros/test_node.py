@@ -169,7 +169,7 @@ def test_bad_images_are_left_out_and_told(start):
     node.receive("~/image", messages.image(picture, "rgb8", 1))
     node.receive("~/instances", messages.image(numbers[:9], "16UC1", 1))
     node.wait_for(lambda: node.logged)
-    assert "128x9 pixels" in node.logged[0]
+    assert "256x9 pixels" in node.logged[0]
     show(node, 1)
 
 

@@ -47,10 +47,8 @@ def test_undecided_detections_name_their_options_and_others_the_nearest():
         candidate_id=candidate_id,
     )
     masks = two_masks()
-    frame, detections = Frame(3, 6, 0.5, "a"), Detections.create(masks)
     image = np.zeros((12, 16, 3), np.uint8)
-    frame = dataclasses.replace(frame, image=image)
-    frame = dataclasses.replace(frame, detections=detections)
+    frame = Frame(3, 6, 0.5, "a", image, Detections.create(masks))
     prepared = FramePreparer(get_method("plus"), 4).prepare(frame, load_config())
     tracks = read_tracks(prepared, outline(masks), decisions)
     assert len(tracks) == 2  # padding slots are left out

@@ -15,8 +15,9 @@ from remind_jax.method import get_method, list_methods
 from remind_jax.observation import CloseupFeats, FrameFeats
 from remind_jax.session.frame_features import CLOSEUPS_AT_ONCE, FrameFeatures
 from remind_jax.session.live import Tracker
+from tests.cli import scenes
 
-PATCH_PX, HEIGHT, WIDTH = 8, 96, 128
+PATCH_PX, HEIGHT, WIDTH = 8, scenes.HEIGHT_PX, scenes.WIDTH_PX
 GARBAGE = 77.0
 ROOM = {"static": {"num_detections": 4, "num_objects": 16, "num_pending": 4}}
 METHODS = [name for name in list_methods() if get_method(name).needs.patch_reach is not None]
@@ -51,15 +52,9 @@ class Recorder:
 
 def frames(num: int):
     """Three squares that move over grain; in the third frame there is none."""
-    rng = np.random.default_rng(0)
-    scene = rng.integers(60, 160, (HEIGHT, WIDTH, 3), np.uint8)
     for frame in range(num):
-        image, masks = scene.copy(), np.zeros((0 if frame == 2 else 3, HEIGHT, WIDTH), bool)
-        for index in range(len(masks)):
-            top, left = 4 + 20 * index, (10 + 40 * index + 3 * frame) % (WIDTH - 20)
-            masks[index, top : top + 18, left : left + 20] = True
-            image[masks[index]] = (220, 40, 40 + 70 * index)
-        yield image, masks
+        image, labels = scenes.picture(frame, () if frame == 2 else scenes.FIRST_THREE)
+        yield image, scenes.masks_of(labels)
 
 
 def frame_of(image: np.ndarray | None, masks: np.ndarray, **more) -> Frame:

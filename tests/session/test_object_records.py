@@ -2,16 +2,14 @@
 
 import json
 
-import msgspec
 import numpy as np
 import pytest
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError, RemindError, SourceError
-from remind_jax.files.records import decode_json
 from remind_jax.files.tensors import read_safetensors_header
 from remind_jax.method import list_methods
-from remind_jax.session.filed_records import FiledRecords, from_file, to_file
+from remind_jax.session.filed_records import to_file
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
 from remind_jax.session.object_pictures import Picture, Pictures, best_of, fit_into
@@ -209,15 +207,6 @@ def test_what_people_and_tracker_found_alike_stays_one():
     records.merge(1, [0])
     records.merge_for_good(1, 0)
     assert [(one.object_id, one.merged) for one in records.objects()] == [(0, ())]
-
-
-def test_records_are_read_back(tracker):
-    tracker.rename(0, "mug")
-    tracker.merge(1, 2)
-    filed, data = to_file(tracker.identities.records, {0, 1, 2})
-    again = from_file([(decode_json(msgspec.json.encode(filed), FiledRecords, "here"), data)])
-    assert again.objects() == tracker.identities.records.objects()
-    assert to_file(again, {0, 1, 2})[0] == filed
 
 
 def test_what_people_said_of_a_lost_object_is_kept():

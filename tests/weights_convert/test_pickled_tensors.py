@@ -133,14 +133,6 @@ def test_truncated_file(tmp_path):
     assert "damaged or cut short" in refusal(path)
 
 
-def test_a_changed_byte_in_a_tensor_is_noticed(tmp_path):
-    path = write_pth(tmp_path / "a.pth", ARRAYS)
-    data = bytearray(path.read_bytes())
-    data[data.index(ARRAYS["matrix"].tobytes()) + 5] ^= 1
-    path.write_bytes(data)
-    assert "damaged or cut short (Bad CRC-32" in refusal(path)
-
-
 def test_tensor_that_reaches_beyond_its_storage(tmp_path):
     for strides in ((4, 100), (-1, 1)):
         path = write_pth(tmp_path / "a.pth", {"x": ARRAYS["matrix"]}, strides=strides)

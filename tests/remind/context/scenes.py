@@ -52,16 +52,13 @@ def list_scenes(name: str = "scenes") -> list[Scene]:
     ]
 
 
-def thresholds(precision: str = "float64", **changed: dict[str, Any]) -> Thresholds:
+def thresholds(**changed: dict[str, Any]) -> Thresholds:
     """The published thresholds but for those named, by section, in the types of the tracker."""
     base = Thresholds()
     sections = {
         name: dataclasses.replace(getattr(base, name), **fields) for name, fields in changed.items()
     }
-    kinds = {bool: np.bool_, int: np.int32, float: np.dtype(precision).type}
-    return jax.tree.map(
-        lambda value: kinds[type(value)](value), dataclasses.replace(base, **sections)
-    )
+    return dataclasses.replace(base, **sections).as_arrays(STATIC.scalar)
 
 
 def view_of(

@@ -11,7 +11,6 @@ import functools
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from remind_jax.remind.association.gating import Pairs, initial_pairs
@@ -19,6 +18,7 @@ from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.disambiguation.known_sets import settle_known_sets
 from remind_jax.remind.memory.distances import DistanceGraph, Edges, empty_distances
 from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 from tests.golden.load import load_cases
@@ -126,12 +126,8 @@ def graph_of(edges: Edges, nearer: Any, margin: Any) -> DistanceGraph:
     return DistanceGraph(waiting, edges, nearer, margin)
 
 
-def thresholds(precision: str = "float64", **changes: Any) -> KnownSets:
-    def convert(value: Any) -> jax.Array:
-        kinds = {bool: bool, int: jnp.int32, float: precision}
-        return jnp.asarray(value, kinds[type(value)])
-
-    return jax.tree.map(convert, KnownSets(**changes))
+def thresholds(precision: Any = "float64", **changes: Any) -> KnownSets:
+    return Thresholds(known_sets=KnownSets(**changes)).as_arrays(precision).known_sets
 
 
 @functools.partial(jax.jit, static_argnames="static")

@@ -12,15 +12,9 @@ from remind_jax.remind.memory.cooccurrence import (
     reorder_cooccurrence,
     update_cooccurrence,
 )
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.relations import Cooccurrence
 from tests.statics import make_static
-
-
-def as_arrays(rules):
-    def convert(value):
-        return jnp.asarray(value, jnp.float32 if isinstance(value, float) else None)
-
-    return jax.tree.map(convert, rules)
 
 
 @jax.jit
@@ -47,7 +41,7 @@ def show(graph, frame, visible, *, slots=8, static=None, rules=None, allowed=Non
     allowed = np.ones(slots, bool) if allowed is None else np.isin(slot, allowed)
     sightings = _sightings(slot, np.arange(slots), allowed, graph.episodes)
     ids = np.arange(graph.episodes.shape[0]) if ids is None else np.asarray(ids, np.int32)
-    rules = as_arrays(rules or Cooccurrence())
+    rules = Thresholds(cooccurrence=rules or Cooccurrence()).as_arrays().cooccurrence
     return _update(graph, sightings, ids, jnp.int32(frame), static or make_static(), rules)[0]
 
 

@@ -20,18 +20,12 @@ from remind_jax.remind.memory.distances import (
     update_distances,
 )
 from remind_jax.remind.perception.relations import Contact, Relations, observe_relations
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.relations import Cooccurrence
 from remind_jax.remind.thresholds.relations import Relations as Rules
 from tests.statics import make_static
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "graphs" / "layout_graph_alt.npz"
-
-
-def arrays(rules, scalar=jnp.float32):
-    def convert(value):
-        return jnp.asarray(value, scalar if isinstance(value, float) else None)
-
-    return jax.tree.map(convert, rules)
 
 
 @jax.jit
@@ -43,7 +37,8 @@ def _update(graph, relations, slot, order, allowed, accepted, rules):
 def update(graph, relations, slot, accepted, *, allowed=None, enabled=True):
     num = len(slot)
     allowed = np.ones(num, bool) if allowed is None else np.array(allowed)
-    slot, order, rules = np.array(slot, np.int32), np.arange(num), arrays(Rules(enabled=enabled))
+    slot, order = np.array(slot, np.int32), np.arange(num)
+    rules = Thresholds(relations=Rules(enabled=enabled)).as_arrays().relations
     return _update(graph, relations, slot, order, allowed, np.array(accepted), rules)
 
 
@@ -96,7 +91,7 @@ def read_order(graph: DistanceGraph, owner: Any, first: Any, second: Any) -> tup
 
 def test_chairs_and_lamp_of_the_page(x64):
     """method.md#example-lamp, from masks to the edges after seven frames."""
-    rules = arrays(Rules(), jnp.float64)
+    rules = Thresholds().as_arrays(jnp.float64)
     neighbors, graph = empty_cooccurrence(4, jnp.float64), empty_distances(4, jnp.float64)
 
     @jax.jit
@@ -109,10 +104,10 @@ def test_chairs_and_lamp_of_the_page(x64):
             jnp.arange(4, dtype=jnp.int32),
             frame,
             make_static(precision="float64"),
-            arrays(Cooccurrence(), jnp.float64),
+            rules.cooccurrence,
         )
-        relations = observe_relations(masks, masks.relations, rules)
-        return neighbors, update_distances(graph, relations, seen, accepted, rules)
+        relations = observe_relations(masks, masks.relations, rules.relations)
+        return neighbors, update_distances(graph, relations, seen, accepted, rules.relations)
 
     for frame, shift in enumerate([0, 4, -4, 8, 0, 2, -6]):
         pixels = np.zeros((3, 200, 300), bool)
@@ -209,7 +204,7 @@ def test_graphs_of_the_original(x64):
     ids, num = data["object_ids"], data["object"].shape[1]
     slots, scalar = len(ids) + 1, jnp.float64
     static = make_static(precision="float64", max_neighbours=6, neighbour_trim="recent")
-    rules = arrays((Cooccurrence(decay=0.9), Rules()), scalar)
+    rules = Thresholds(cooccurrence=Cooccurrence(decay=0.9)).as_arrays(scalar)
 
     def step(graphs, frame):
         neighbors, graph = graphs
@@ -220,10 +215,10 @@ def test_graphs_of_the_original(x64):
         )
         seen = gather_sightings(found, jnp.arange(num), jnp.ones(num, bool), slots)
         neighbors, accepted = update_cooccurrence(
-            neighbors, seen, jnp.arange(slots, dtype=jnp.int32), at, static, rules[0]
+            neighbors, seen, jnp.arange(slots, dtype=jnp.int32), at, static, rules.cooccurrence
         )
-        relations = observe_relations(masks, relations, rules[1])
-        graph = update_distances(graph, relations, seen, accepted, rules[1])
+        relations = observe_relations(masks, relations, rules.relations)
+        graph = update_distances(graph, relations, seen, accepted, rules.relations)
         degrees = [jnp.sum(count > 0, axis=1) for count in (neighbors.count, graph.edges.count)]
         return (neighbors, graph), (degrees[0], neighbors.episodes, degrees[1])
 

@@ -213,13 +213,8 @@ CLOSE = {"visual_min_gap": 0.0}
 # method.md#identity-stability.
 VARIANTS = [
     ambiguous({0: 0.80, 1: 0.79, 2: 0.785, 3: 0.775}, one(AMBIGUOUS, {0: 0.8, 1: 0.79, 2: 0.785})),
-    ambiguous(NEAR, match(0), enabled=False),
-    ambiguous(NEAR, match(0), override_match=False),
-    ambiguous(NEAR, match(0), visual_fallback=False),
     ambiguous(NEAR, match(0), **UNBACKED),
     ambiguous(NEAR, one(AMBIGUOUS, NEAR), **UNBACKED, require_context=False),
-    ambiguous(NEAR, match(0), visual_min_top=0.81),
-    ambiguous(THREE, one(AMBIGUOUS, {0: 0.80, 1: 0.79}), visual_max=2),
     ambiguous(THREE, match(0), max_candidates=2),  # three are too many
     ambiguous(
         {0: 0.90, 1: 0.86, 2: 0.70},
@@ -239,7 +234,6 @@ VARIANTS = [
     provisional({0: 0.74, 1: 0.67}, one(NEW)),  # no clear winner
     provisional({0: 0.74, 1: 0.72}, one(NEW), **CLOSE),  # two are close
     provisional({0: 0.74, 1: 0.72}, one(PROVISIONAL, {0: 0.74}), **CLOSE, visual_max_close=2),
-    provisional(MISSED, one(NEW), enabled=False),
     provisional(MISSED, one(NEW), visual_fallback=False),
     provisional(MISSED, one(NEW), visual_single_only=True),
     provisional({0: 0.74}, one(PARENT, {0: 0.74}), visual_single_only=True),
