@@ -135,10 +135,13 @@ def _root_in_turn(needed, x, shared):
     return in_turn(needed, halve, x, shared)
 
 
+_roots_in_turn = jax.jit(jax.vmap(_root_in_turn, (0, 0, None)))
+
+
 @given(st.lists(st.booleans(), min_size=5, max_size=5))
 def test_members_in_turn_equal_single_ones(needed):
     x = np.array([1, 3, 50, 7, 9], np.float32)
-    got = jax.vmap(_root_in_turn, (0, 0, None))(np.array(needed), x, np.float32(2))["value"]
+    got = _roots_in_turn(np.array(needed), x, np.float32(2))["value"]
     assert _root_in_turn(np.True_, x[2], np.float32(2))["value"] == 1.5625
     np.testing.assert_array_equal(got, np.where(needed, [1, 1.5, 1.5625, 1.75, 1.125], 0))
 

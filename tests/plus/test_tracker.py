@@ -234,16 +234,12 @@ def widened(walk: Walk) -> Walk:
 
 
 def test_too_few_slots_are_flagged_and_change_nothing_else():
-    walk = pan()
-    tight = dataclasses.replace(STATIC, num_objects=8)
-    before = init(tight)
-    state, _, _, overflow = follow(walk, static=tight)
+    state, _, _, overflow = follow(pan(num_things=40))
     full = np.flatnonzero(overflow.objects)
     assert full.size
-    assert overflow.objects[full[0]] > 8
+    assert overflow.objects[full[0]] > STATIC.num_objects
     assert int(state.frame) == len(overflow.objects) - len(full)  # a frame that overflows is none
     assert np.all(overflow.pending == 0)
-    assert jax.tree.structure(before) == jax.tree.structure(state)
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ from tests.statics import make_static
 
 GOLDEN = "disambiguation/known_sets"
 NUM_OBJECTS = 8
+STATIC = make_static(precision="float64")
 
 
 @jax.tree_util.register_dataclass
@@ -42,13 +43,9 @@ class Scene:
     graph: Any
 
 
-def load_scenes(precision: str = "float64") -> Scene:
+def load_scenes() -> Scene:
     """All scenes, with a leading axis."""
-
-    def read(name: str) -> np.ndarray:
-        value = load_cases(GOLDEN)[name]
-        return value.astype(precision) if value.dtype.kind == "f" else value
-
+    read = load_cases(GOLDEN).__getitem__
     low, high = np.triu_indices(NUM_OBJECTS, 1)
 
     def unfold(above: np.ndarray, below: np.ndarray) -> np.ndarray:
@@ -126,8 +123,8 @@ def graph_of(edges: Edges, nearer: Any, margin: Any) -> DistanceGraph:
     return DistanceGraph(waiting, edges, nearer, margin)
 
 
-def thresholds(precision: Any = "float64", **changes: Any) -> KnownSets:
-    return Thresholds(known_sets=KnownSets(**changes)).as_arrays(precision).known_sets
+def thresholds(**changes: Any) -> KnownSets:
+    return Thresholds(known_sets=KnownSets(**changes)).as_arrays(STATIC.scalar).known_sets
 
 
 @functools.partial(jax.jit, static_argnames="static")
@@ -144,6 +141,5 @@ def settle_all(scenes: Scene, t: KnownSets, static: Static) -> Any:
     return jax.vmap(one)(scenes)
 
 
-def settle_scenes(scenes: Scene, precision: str = "float64", **changes: Any) -> Any:
-    static = make_static(precision=precision)  # type: ignore[arg-type]
-    return jax.device_get(settle_all(scenes, thresholds(precision, **changes), static))
+def settle_scenes(scenes: Scene, static: Static = STATIC, **changes: Any) -> Any:
+    return jax.device_get(settle_all(scenes, thresholds(**changes), static))

@@ -23,13 +23,13 @@ _measure = jax.jit(measure_affinity)
         ({"contact": 3}, 1.0 / 0.75),
     ],
 )
-def test_affinity_weighs_what_was_seen(change, factor):
+def test_affinity_weighs_what_was_seen(x64, change, factor):
     """method.md#undecided-groups, one edge in one direction: half its similarity times weight."""
-    relations = relations_of(np.full((2, 2), 0.6, np.float32))
+    relations = relations_of(np.full((2, 2), 0.6))
     for name, value in change.items():
         old = getattr(relations, name)
         relations = dataclasses.replace(relations, **{name: np.full_like(old, value)})
-    edges, contact = np.zeros((2, 2, 4), np.float32), np.zeros((2, 2, 4), np.int32)
+    edges, contact = np.zeros((2, 2, 4)), np.zeros((2, 2, 4), np.int32)
     edges[0, 1, :3] = 0.5, 1.0, 0.5  # reliability, has a gap, distance
     contact[0, 1, 3] = 4
     affinity = _measure(
@@ -38,9 +38,7 @@ def test_affinity_weighs_what_was_seen(change, factor):
         relations,
         edges,
         contact,
-        thresholds("float32"),
+        thresholds(),
     )
     expected = 0.5 * np.exp(-0.1 / 0.2) * 0.5 * 0.75 * factor
-    # float32 exponential of a difference of two rounded distances
-    np.testing.assert_allclose(affinity[0, 1], expected, rtol=1e-6)
-    np.testing.assert_allclose(affinity[1, 0], expected, rtol=1e-6)
+    np.testing.assert_allclose([affinity[0, 1], affinity[1, 0]], expected, rtol=1e-12)

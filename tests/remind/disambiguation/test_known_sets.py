@@ -10,20 +10,20 @@ from remind_jax.errors import ConfigError
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS, GroupStatus, list_injections
 from remind_jax.remind.stages import MatchOrigin
 from tests.golden.load import load_expected
-from tests.statics import make_static
+from tests.statics import change_static
 
 from .scenes import (
     GOLDEN,
     NUM_OBJECTS,
+    STATIC,
     Scene,
     graph_of,
     load_scenes,
-    settle_all,
     settle_scenes,
-    thresholds,
     undecided,
 )
 
+pytestmark = pytest.mark.usefixtures("x64")
 ROUNDING = 1e-12  # float64 sums of a hundred terms below 30 in another order
 
 
@@ -35,7 +35,6 @@ def expected(name):
     return load_expected(GOLDEN)[name]
 
 
-@pytest.mark.usefixtures("x64")
 def test_frozen_scenes_are_settled_as_by_the_plain_rules():
     settled = settle_scenes(load_scenes())
     np.testing.assert_array_equal(settled.resolved_slot, expected("resolved_slot"))
@@ -54,7 +53,7 @@ def test_frozen_scenes_are_settled_as_by_the_plain_rules():
 
 
 def test_capacities_and_padding_do_not_matter():
-    scenes, more, dets = load_scenes("float32"), 5, 3
+    scenes, more, dets = load_scenes(), 5, 3
     noise = np.random.default_rng(0)
 
     def widen(value, *growing):
@@ -91,20 +90,20 @@ def test_capacities_and_padding_do_not_matter():
             widen(graph.margin, *cube),
         ),
     )
-    plain, grown = settle_scenes(scenes, "float32"), settle_scenes(wide, "float32")
+    plain, grown = settle_scenes(scenes), settle_scenes(wide)
     num = plain.root.shape[1]
     for name in ("resolved_slot", "resolved_score", "remaining", "root", "source"):
         np.testing.assert_array_equal(getattr(grown, name)[:, :num], getattr(plain, name), name)
     np.testing.assert_array_equal(grown.groups.status[:, :num], plain.groups.status)
     # Other shapes are summed in another order.
     np.testing.assert_allclose(
-        number(grown.groups, "core")[:, :num], number(plain.groups, "core"), atol=1e-5
+        number(grown.groups, "core")[:, :num], number(plain.groups, "core"), atol=ROUNDING
     )
 
 
 @given(st.randoms(use_true_random=False))
 def test_order_of_detections_does_not_matter(random):
-    scenes = load_scenes("float32")
+    scenes = load_scenes()
     order = list(range(scenes.matched_slot.shape[1]))
     random.shuffle(order)
     rows = lambda value: value[:, order]  # noqa: E731
@@ -119,21 +118,21 @@ def test_order_of_detections_does_not_matter(random):
         pairs=jax.tree.map(rows, scenes.pairs),
         relations=jax.tree.map(lambda value: value[:, order][:, :, order], scenes.relations),
     )
-    plain, mixed = settle_scenes(scenes, "float32"), settle_scenes(shuffled, "float32")
+    plain, mixed = settle_scenes(scenes), settle_scenes(shuffled)
     np.testing.assert_array_equal(mixed.resolved_slot, plain.resolved_slot[:, order])
     np.testing.assert_array_equal(mixed.remaining, plain.remaining[:, order])
 
 
 @pytest.mark.parametrize("why", ["disabled", "no entries"])
 def test_nothing_happens(why):
-    scenes = load_scenes("float32")
+    scenes = load_scenes()
     changes = {"enabled": False} if why == "disabled" else {}
     if why == "no entries":
         none = np.zeros_like(scenes.undecided.present)
         scenes = dataclasses.replace(
             scenes, undecided=dataclasses.replace(scenes.undecided, present=none)
         )
-    settled = settle_scenes(scenes, "float32", **changes)
+    settled = settle_scenes(scenes, **changes)
     assert np.all(settled.resolved_slot == -1)
     np.testing.assert_array_equal(settled.remaining, scenes.undecided.present)
     assert np.all(settled.groups.status == GroupStatus.NONE)
@@ -146,9 +145,8 @@ def test_too_large_groups_are_refused():
 
 @pytest.mark.parametrize("limits", [{"group_size": 1}, {"group_candidates": 1}])
 def test_groups_beyond_the_limits_are_skipped(limits):
-    static = make_static(precision="float32", **limits)
-    groups = settle_all(load_scenes("float32"), thresholds("float32"), static).groups
+    groups = settle_scenes(load_scenes(), change_static(STATIC, **limits)).groups
     allowed = limits.get("group_size", 0)
-    is_beyond = np.asarray(groups.num_detections > allowed)
+    is_beyond = groups.num_detections > allowed
     assert np.any(is_beyond)
     assert np.all(groups.status[is_beyond] == GroupStatus.TOO_LARGE_OR_SMALL)

@@ -79,7 +79,7 @@ def test_forgotten_object_leaves_no_trace():
     graph = empty_cooccurrence(6, jnp.float32)
     for frame, visible in enumerate([[0, 1, 2, 3], [0, 3], [1, 2, 3], [0, 1, 3]]):
         graph = show(graph, frame, visible)
-    moved = reorder_cooccurrence(
+    moved = jax.jit(reorder_cooccurrence)(
         graph, jnp.array([0, 2, 3, 1, 4, 5]), jnp.array([True, True, True, False, False, False])
     )
     assert edges(moved) == {1: 1, 2: 2}  # what were 2 and 3
