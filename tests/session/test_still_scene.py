@@ -31,21 +31,11 @@ def tracker_of(name: str) -> Tracker:
 
 
 @st.composite
-def rectangles(draw):
+def rectangles(draw, most_px=WIDTH_PX):
     mask = np.zeros((HEIGHT_PX, WIDTH_PX), bool)
     top, left = draw(st.integers(0, HEIGHT_PX - 1)), draw(st.integers(0, WIDTH_PX - 1))
-    bottom, right = (
-        draw(st.integers(top + 1, HEIGHT_PX)),
-        draw(st.integers(left + 1, WIDTH_PX)),
-    )
-    mask[top:bottom, left:right] = True
-    return mask
-
-
-@st.composite
-def pixels(draw):
-    mask = np.zeros((HEIGHT_PX, WIDTH_PX), bool)
-    mask[draw(st.integers(0, HEIGHT_PX - 1)), draw(st.integers(0, WIDTH_PX - 1))] = True
+    height, width = draw(st.integers(1, most_px)), draw(st.integers(1, most_px))
+    mask[top : top + height, left : left + width] = True
     return mask
 
 
@@ -67,7 +57,7 @@ def frames(draw):
     return mask
 
 
-masks = st.one_of(rectangles(), pixels(), specks(), frames())
+masks = st.one_of(rectangles(), rectangles(most_px=1), specks(), frames())
 several_masks = st.lists(masks, min_size=1, max_size=7).map(np.stack)
 # Every patch looks different from every other.
 textures = st.integers(0, 99).map(

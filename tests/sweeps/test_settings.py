@@ -68,8 +68,6 @@ FILES = {
     "none.json": "[]",
     "mapping.json": '{"matching.match": 0.7}',
     "text.json": '[{"matching.match": "0.7"}]',
-    "nothing.json": '[{"matching.match": null}]',
-    "values.json": '[{"matching.match": [0.7, 0.8]}]',
     "same.json": '[{"matching.match": 0.7}, {"matching.match": 0.7}]',
     "nested.json": '[{"a":' * 5000 + "1" + "}]" * 5000,
 }
