@@ -1,7 +1,8 @@
-"""Capacities with the switches of the paper's tracker, both by name."""
+"""Capacities with the switches of the paper's tracker, and parts of any record, by name."""
 
 import dataclasses
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 from remind_jax.remind.method import METHOD
 from remind_jax.remind.switches import Switches
@@ -20,3 +21,14 @@ def change_static(static: Static, **fields: Any) -> Static:
     switches = {name: fields.pop(name) for name in _NAMES & set(fields)}
     changed = dataclasses.replace(static.switches, **switches)
     return dataclasses.replace(static, switches=changed, **fields)
+
+
+_Whole = TypeVar("_Whole")
+
+
+def change_parts(whole: _Whole, **parts: Mapping[str, Any]) -> _Whole:
+    """A record of records, the same but for these fields of its parts."""
+    changed = {
+        name: dataclasses.replace(getattr(whole, name), **fields) for name, fields in parts.items()
+    }
+    return dataclasses.replace(whole, **changed)  # pyright: ignore[reportArgumentType]

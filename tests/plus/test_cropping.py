@@ -14,6 +14,7 @@ from remind_jax.plus.cropping import cropped_overlap, find_second
 from remind_jax.plus.thresholds import PlusThresholds
 from tests.plus.frames import TICK, T, detections, empty_state, tracklets_of
 from tests.plus.walls import Walk, follow, pan
+from tests.statics import change_parts
 
 CHAIR, SINK = 0, 1
 WHOLE, TOP = [2.0, 1.0, 3.0, 3.0], [2.0, 1.0, 3.0, 1.6]
@@ -117,6 +118,5 @@ def test_boxes_that_take_turns_are_one_object_which_neither_moves_nor_changes_it
     assert (decisions.object_id[:, 2] == NO_ID).all()
     assert float(np.abs(state.tracklets.drift[0]).max()) < 0.01
     # Without, what changes its name is two objects.
-    none = PlusThresholds()
-    none = dataclasses.replace(none, names=dataclasses.replace(none.names, cropped=2.0))
+    none = change_parts(PlusThresholds(), names={"cropped": 2.0})
     assert len(set(follow(_takes_turns(), none)[1].answer_id[:, 0].tolist())) == 2

@@ -16,6 +16,7 @@ from remind_jax.plus.thresholds import PlusThresholds
 from tests.plus.frames import T
 from tests.plus.test_vacancy import SIZE, seen
 from tests.plus.walls import STATIC
+from tests.statics import change_parts
 
 PLACES = np.array([[1.5, 1.5], [3, 1.2], [4.5, 1.6], [2.2, 3], [4, 3.2]], np.float32)
 NUM = len(PLACES)
@@ -47,7 +48,7 @@ def weigh_anew(looks, witness, moved, rare):
         cosine=nothing,
         evidence=dataclasses.replace(own, looks=nothing + looks),
     )
-    t = dataclasses.replace(T, layout=dataclasses.replace(T.layout, witness=witness))
+    t = change_parts(T, layout={"witness": witness})
     nobody = jnp.full(num, NO_SLOT)
     sightings = seen(anchors=PLACES)
     sightings = dataclasses.replace(

@@ -27,6 +27,12 @@ from tests.plus.walls import (
     scan_block,
     split,
 )
+from tests.statics import change_parts
+
+PUBLISHED = PlusThresholds()
+PLACELESS = change_parts(
+    PUBLISHED, place={"weight": 0.0}, layout={"weight": 0.0, "covisible_weight": 0.0}
+)
 
 
 def share_right(thing: np.ndarray, answer: np.ndarray) -> float:
@@ -46,12 +52,6 @@ def num_repeated(ids: np.ndarray) -> int:
     return sum(len(frame) - len(np.unique(frame)) for frame in told)
 
 
-def changed(thresholds: PlusThresholds, group: str, **values) -> PlusThresholds:
-    return dataclasses.replace(
-        thresholds, **{group: dataclasses.replace(getattr(thresholds, group), **values)}
-    )
-
-
 def test_things_get_their_identity_back_after_an_absence():
     walk = pan()
     _, verdicts, _, _ = follow(walk)
@@ -61,8 +61,7 @@ def test_things_get_their_identity_back_after_an_absence():
 
 def test_what_a_fast_camera_shows_counts_by_the_clock():
     slow, fast = pan(), pan(frames=270)
-    thirds = dataclasses.replace(fast.motion, elapsed=np.full(270, 1 / 3, np.float32))
-    timed = Walk(fast.sightings, thirds, fast.thing)
+    timed = change_parts(fast, motion={"elapsed": np.full(270, 1 / 3, np.float32)})
     by_clock, verdicts, _, _ = follow(timed)
     seen, seen_by_clock, seen_by_frame = (
         float(jnp.sum(state.objects.seen)) for state in (follow(slow)[0], by_clock, follow(fast)[0])
@@ -75,20 +74,15 @@ def test_what_a_fast_camera_shows_counts_by_the_clock():
 
 def test_a_slow_camera_takes_half_the_detections_to_decide():
     walk = pan()
-    seconds = dataclasses.replace(walk.motion, elapsed=np.full(90, 10.0, np.float32))
-    decided = [
-        follow(Walk(walk.sightings, motion, walk.thing))[1].is_decided[:, 0]
-        for motion in (walk.motion, seconds)
-    ]
+    seldom = change_parts(walk, motion={"elapsed": np.full(90, 10.0, np.float32)})
+    decided = [follow(one)[1].is_decided[:, 0] for one in (walk, seldom)]
     assert [int(np.argmax(one)) for one in decided] == [7, 3]
 
 
 def test_place_tells_apart_what_looks_the_same():
     walk = pan(alike=True)
     _, verdicts, _, _ = follow(walk)
-    blind = changed(PlusThresholds(), "place", weight=0.0)
-    blind = changed(blind, "layout", weight=0.0, covisible_weight=0.0)
-    _, without, _, _ = follow(walk, blind)
+    _, without, _, _ = follow(walk, PLACELESS)
     assert share_right(walk.thing, verdicts.answer_id) > 0.9
     assert share_right(walk.thing, without.answer_id) < 0.8
 
@@ -110,7 +104,7 @@ def test_what_ended_before_it_was_decided_is_known_at_its_next_sight():
     assert second[0] - first[-1] > 20
     brief = glimpse(walk, thing, np.concatenate([first, second]))
     remembering, forgetting = (
-        follow(brief, changed(PlusThresholds(), "decision", ended_age=age))[1].answer_id
+        follow(brief, change_parts(PUBLISHED, decision={"ended_age": age}))[1].answer_id
         for age in (2, 0)
     )
     seen = brief.thing == thing
@@ -122,7 +116,7 @@ def test_what_ended_before_it_was_decided_is_known_at_its_next_sight():
 @pytest.mark.parametrize("held", [0.0, 3.0])
 def test_no_object_belongs_to_two_tracklets(held):
     walk = pan(3, lost=0.4, alike=True)
-    thresholds = changed(PlusThresholds(), "decision", held=held)
+    thresholds = change_parts(PUBLISHED, decision={"held": held})
     state, verdicts, _, _ = follow(walk, thresholds)
     slots = np.asarray(state.tracklets.slot)[np.asarray(state.tracklets.alive)]
     slots = slots[slots >= 0]
@@ -137,7 +131,7 @@ def test_place_says_less_against_a_thing_whose_old_place_is_seen_to_be_empty():
 
     def given_back(gone: float) -> np.ndarray:
         """What the moved thing gets back while it is not decided, as the thing that it is."""
-        _, told, _, _ = follow(walk, changed(PlusThresholds(), "layout", moved_gone=gone))
+        _, told, _, _ = follow(walk, change_parts(PUBLISHED, layout={"moved_gone": gone}))
         itself = told.option_id[moved] == told.answer_id[walk.thing == thing][0]
         return told.evidence.moved[moved][itself]
 
@@ -149,7 +143,7 @@ def test_a_thing_whose_tracklet_went_with_half_of_it_keeps_its_identity():
     frame, thing = 15, 4
     walk = split(pan(), thing, frame)
     _, verdicts, _, _ = follow(walk)
-    _, held, _, _ = follow(walk, changed(PlusThresholds(), "decision", held=100.0))
+    _, held, _, _ = follow(walk, change_parts(PUBLISHED, decision={"held": 100.0}))
     before = verdicts.answer_id[frame - 1][walk.thing[frame - 1] == thing]
     after = walk.thing[frame + 1] == thing
     assert verdicts.answer_id[frame + 1][after] == before
@@ -162,9 +156,7 @@ def returning_in_disguise(thing: int) -> tuple[Walk, np.ndarray, PlusThresholds]
     walk = pan()
     seen = np.flatnonzero(np.any(walk.thing == thing, axis=1))
     back = seen[np.argmax(np.diff(seen)) + 1 :]
-    blind = changed(PlusThresholds(), "place", weight=0.0)
-    blind = changed(blind, "layout", weight=0.0, covisible_weight=0.0)
-    blind = changed(blind, "looks", whitening=False)
+    blind = change_parts(PLACELESS, looks={"whitening": False})
     return disguise(walk, thing, back[:18]), back, blind
 
 
@@ -172,7 +164,7 @@ def test_what_was_taken_for_new_may_turn_out_to_be_known():
     walk, back, thresholds = returning_in_disguise(thing=2)
 
     def answers(**decision):
-        told = follow(walk, changed(thresholds, "decision", **decision))[1]
+        told = follow(walk, change_parts(thresholds, decision=decision))[1]
         return told.answer_id[walk.thing == 2], told.merged_id[walk.thing == 2]
 
     (late, merged), (never, none) = answers(late_margin=0.0), answers(late_frames=0)
@@ -192,10 +184,9 @@ def test_a_lying_image_motion_is_found_out():
     matrix = walk.motion.matrix.copy()
     lies = rng.random(len(matrix)) < 0.15
     matrix[lies, :, 2] += rng.choice([-1, 1], (int(lies.sum()), 2)) * 1.5
-    motion = dataclasses.replace(walk.motion, matrix=matrix)
-    lied = Walk(walk.sightings, motion, walk.thing)
+    lied = change_parts(walk, motion={"matrix": matrix})
     _, checked, _, _ = follow(lied)
-    _, trusting, _, _ = follow(lied, changed(PlusThresholds(), "motion", checked=False))
+    _, trusting, _, _ = follow(lied, change_parts(PUBLISHED, motion={"checked": False}))
     believed = share_right(walk.thing, trusting.answer_id)
     assert share_right(walk.thing, checked.answer_id) > max(0.95, believed + 0.05)
 
@@ -276,8 +267,7 @@ def test_an_empty_frame_is_survived():
     walk = pan()
     valid = walk.sightings.valid.copy()
     valid[8:11] = False
-    gap = dataclasses.replace(walk.sightings, valid=valid, has_ring=valid)
-    _, verdicts, _, _ = follow(Walk(gap, walk.motion, walk.thing))
+    _, verdicts, _, _ = follow(change_parts(walk, sightings={"valid": valid, "has_ring": valid}))
     before, after = verdicts.answer_id[7], verdicts.answer_id[11]
     both = np.intersect1d(walk.thing[7], walk.thing[11])
     for thing in both[both != NO_TRUTH]:

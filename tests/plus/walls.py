@@ -14,6 +14,7 @@ from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
 from tests.plus.frames import detections
+from tests.statics import change_parts
 
 DIM = 6
 STATIC = Static(num_detections=6, num_objects=24, feature_dim=DIM)
@@ -130,27 +131,23 @@ def follow(
 def glimpse(walk: Walk, thing: int, shown: np.ndarray) -> Walk:
     """The same walk with one thing seen in these frames only."""
     gone = (walk.thing == thing) & ~np.isin(np.arange(len(walk.thing)), shown)[:, None]
-    sightings = dataclasses.replace(walk.sightings, valid=walk.sightings.valid & ~gone)
-    return Walk(sightings, walk.motion, np.where(gone, NO_TRUTH, walk.thing))
+    seen = change_parts(walk, sightings={"valid": walk.sightings.valid & ~gone})
+    return dataclasses.replace(seen, thing=np.where(gone, NO_TRUTH, walk.thing))
 
 
 def displace(walk: Walk, thing: int, since: int, offset: tuple[float, float]) -> Walk:
     """The same walk, in which somebody has moved a thing before frame `since`."""
     moved = (walk.thing == thing) & (np.arange(len(walk.thing)) >= since)[:, None]
     shift = np.where(moved[..., None], np.float32(offset), np.float32(0))
-    sightings = dataclasses.replace(
-        walk.sightings,
-        center=walk.sightings.center + shift,
-        box=walk.sightings.box + np.tile(shift, 2),
-    )
-    return dataclasses.replace(walk, sightings=sightings)
+    center, box = walk.sightings.center + shift, walk.sightings.box + np.tile(shift, 2)
+    return change_parts(walk, sightings={"center": center, "box": box})
 
 
 def disguise(walk: Walk, thing: int, frames: np.ndarray) -> Walk:
     """The same walk with another look of one thing in these frames."""
     other = (walk.thing == thing) & np.isin(np.arange(len(walk.thing)), frames)[:, None]
     look = np.where(other[..., None], np.float32([9, 0] * (DIM // 2)), walk.sightings.look)
-    return dataclasses.replace(walk, sightings=dataclasses.replace(walk.sightings, look=look))
+    return change_parts(walk, sightings={"look": look})
 
 
 def split(walk: Walk, thing: int, frame: int) -> Walk:

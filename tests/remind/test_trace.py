@@ -1,7 +1,5 @@
 """The account of a step: it changes nothing, and it adds up to the decisions."""
 
-import dataclasses
-
 import chex
 import jax
 import numpy as np
@@ -12,7 +10,7 @@ from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.method import METHOD
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
 from tests import tiny_world as world
-from tests.statics import change_static
+from tests.statics import change_parts, change_static
 
 NUM_FRAMES = 24
 BACKGROUND, RING_PROTOTYPES = 1, 3  # terms
@@ -35,8 +33,7 @@ def steps():
 @pytest.fixture(scope="module")
 def steps_with_prototypes():
     """The same with ring prototypes."""
-    rules = dataclasses.replace(world.THRESHOLDS.ring_prototypes, promote_hits=2)
-    thresholds = dataclasses.replace(world.THRESHOLDS, ring_prototypes=rules)
+    thresholds = change_parts(world.THRESHOLDS, ring_prototypes={"promote_hits": 2})
     return world.trace(world.make_frames(NUM_FRAMES, seed=3), WITH_PROTOTYPES, thresholds)
 
 

@@ -21,8 +21,7 @@ from tests.sources.cameras import Camera
 
 pytestmark = pytest.mark.heavy
 
-CONFIG = {}
-OPTIONS = {"config": CONFIG, "announce_after": 1, "overlay": False, "progress": False}
+OPTIONS = {"announce_after": 1, "overlay": False, "progress": False}
 
 
 def run(camera: Camera, **options) -> Result:

@@ -36,7 +36,7 @@ from remind_jax.session.memory_file import (
 from remind_jax.session.memory_parts import SCHEMA_VERSION
 from tests import tiny_world
 from tests.cli import scenes
-from tests.statics import change_static
+from tests.statics import change_parts, change_static
 from tests.tiny_world import STATIC
 
 NAMES = ("cup", "Stuhl", "椅子", "a, b")
@@ -88,10 +88,10 @@ def test_round_trip_is_exact(path, memory):
 def test_round_trip_in_double_precision(tmp_path, x64):
     static = change_static(STATIC, precision="float64")
     empty = init(static)
-    edges = empty.distances.edges
-    third = dataclasses.replace(edges, gap_mean=edges.gap_mean + 1 / 3)
-    assert third.gap_mean.dtype == np.float64
-    state = dataclasses.replace(empty, distances=dataclasses.replace(empty.distances, edges=third))
+    thirds = empty.distances.edges.gap_mean + 1 / 3
+    assert thirds.dtype == np.float64
+    distances = change_parts(empty.distances, edges={"gap_mean": thirds})
+    state = dataclasses.replace(empty, distances=distances)
     save_memory(tmp_path / "memory", SavedMemory(state, static, NAMES, "features"))
     loaded = load_memory(tmp_path / "memory")
     chex.assert_trees_all_equal(loaded.state, state, strict=True)

@@ -27,7 +27,6 @@ from remind_jax.sources import detections_from
 from remind_jax.tracks import Tracks
 from tests.cli import scenes
 
-CONFIG = {}
 NUM = 6
 PICTURES = [scenes.picture(index) for index in range(NUM)]
 
@@ -46,7 +45,7 @@ def identities(result: Result) -> list[list[int]]:
 @pytest.fixture(scope="module")
 def whole() -> Result:
     """The run that all others are compared with: pairs of image and instance map."""
-    return rj.run(PICTURES, config=CONFIG)
+    return rj.run(PICTURES)
 
 
 def test_features_that_are_not_finite_are_left_out_and_reported():
@@ -57,7 +56,7 @@ def test_features_that_are_not_finite_are_left_out_and_reported():
         Frame(i, i, 0.1 * i, str(i), None, detections_from(found, found.shape), features[i])
         for i, found in enumerate(maps)
     ]
-    result = rj.run(frames, config=CONFIG)
+    result = rj.run(frames)
     assert len(result) == 3
     (event,) = result.events
     assert (event.frame_index, event.kind) == (1, "features")
@@ -79,7 +78,7 @@ def test_versions_are_those_of_the_modules_however_they_were_installed(monkeypat
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "version", lacks)
-    versions = rj.run(PICTURES[:1], config=CONFIG, tracker="bank").info.versions
+    versions = rj.run(PICTURES[:1], tracker="bank").info.versions
     assert versions["opencv"] == cv2.__version__
     assert versions["remind_jax"] == rj.__version__
 
@@ -89,15 +88,15 @@ def test_seconds_of_compiling_are_those_of_the_tracker(monkeypatch, tmp_path):
         compile_s = property(lambda self: 1.5, lambda self, value: None)
 
     monkeypatch.setattr("remind_jax.session.run.Tracker", Waiting)
-    result = rj.run(PICTURES[:1], config=CONFIG, tracker="bank", out=tmp_path)
+    result = rj.run(PICTURES[:1], tracker="bank", out=tmp_path)
     assert result.compile_s == result.summary()["compile_s"] == 1.5
     assert Result.load(tmp_path).compile_s == 1.5
 
 
 def test_thresholds_reported_are_those_that_decided():
-    live = Tracker(CONFIG, tracker="bank")
+    live = Tracker(tracker="bank")
     live.update(*PICTURES[0])
-    config = rj.run(PICTURES[:1], config=CONFIG, tracker="bank").info.config
+    config = rj.run(PICTURES[:1], tracker="bank").info.config
     # What was left to the run is reported as it ran: masks are announced at once.
     assert config == live.config.updated({"input": {"announce_after": 1}}).to_dict()
     assert config["thresholds"]["match"] != BankThresholds().match
@@ -134,11 +133,11 @@ def as_detector() -> dict[str, Any]:
 
 @pytest.mark.parametrize("give", [as_arrays, as_iterator, as_frames, as_detector])
 def test_the_form_of_the_input_does_not_matter(whole, give):
-    assert_same_decisions(rj.run(**give(), config=CONFIG).tracks, whole.tracks)
+    assert_same_decisions(rj.run(**give()).tracks, whole.tracks)
 
 
 def test_a_run_folder_says_what_found_the_detections(tmp_path):
-    result = rj.run(**as_detector(), config=CONFIG, tracker="iou", out=tmp_path, overlay=False)
+    result = rj.run(**as_detector(), tracker="iou", out=tmp_path, overlay=False)
     detector = Result.load(tmp_path).info.detector
     assert detector == json.loads(json.dumps(result.info.detector))
     assert detector is not None
@@ -147,7 +146,7 @@ def test_a_run_folder_says_what_found_the_detections(tmp_path):
 
 
 def test_going_on_from_a_memory_file_is_going_on(whole, tmp_path):
-    first = rj.run(PICTURES[:3], config=CONFIG, out=tmp_path / "first", overlay=False)
+    first = rj.run(PICTURES[:3], out=tmp_path / "first", overlay=False)
     rest = rj.run(PICTURES[3:], memory=tmp_path / "first" / MEMORY_NAME)
     assert rest.info.config["static"] == {**first.info.config["static"], "feature_dim": 177}
     assert_same_decisions((*first.tracks, *rest.tracks), whole.tracks)
@@ -155,7 +154,7 @@ def test_going_on_from_a_memory_file_is_going_on(whole, tmp_path):
 
 def test_progress_counts(whole):
     seen: list[Progress] = []
-    rj.run(PICTURES, config=CONFIG, progress=seen.append)
+    rj.run(PICTURES, progress=seen.append)
     assert [step.num_done for step in seen] == [*range(1, NUM + 1)]
     assert {step.num_frames for step in seen} == {NUM}
     assert seen[-1].num_identities == 3
@@ -169,7 +168,7 @@ def test_a_source_that_fails_midway_leaves_finished_outputs(whole, tmp_path):
 
     out = tmp_path / "run"
     with pytest.raises(SourceError, match="the camera is gone"):
-        rj.run(failing(), config=CONFIG, out=out, overlay=False)
+        rj.run(failing(), out=out, overlay=False)
     kept = Result.load(out)
     assert not kept.complete
     assert identities(kept) == identities(whole)[:2]
@@ -198,10 +197,8 @@ def test_more_detections_and_objects_than_fit_change_nothing(whole):
 def test_viewers_get_every_frame(tmp_path):
     from mcap.reader import make_reader
 
-    frames, maps = np.zeros((3, 64, 64, 3), np.uint8), np.zeros((3, 64, 64), np.uint8)
-    maps[:, 8:40, 8:40] = 1
     mcap = tmp_path / "out.mcap"
-    rj.run(frames, masks=maps, out=tmp_path / "run", overlay=False, mcap=mcap)
+    rj.run(PICTURES[:3], out=tmp_path / "run", overlay=False, mcap=mcap)
     with mcap.open("rb") as file:
         topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
     assert topics.count("/remind/tracks") == 3
@@ -209,4 +206,4 @@ def test_viewers_get_every_frame(tmp_path):
 
 def test_records_need_a_folder(tmp_path):
     with pytest.raises(ConfigError, match="'mcap' records a run that is written to a folder"):
-        rj.run(np.zeros((1, 64, 64, 3), np.uint8), mcap=tmp_path / "out.mcap")
+        rj.run(PICTURES, mcap=tmp_path / "out.mcap")

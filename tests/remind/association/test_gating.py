@@ -18,16 +18,15 @@ from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Matching
 from tests.remind.association.tables import decide_frames, visual_frame
+from tests.statics import change_parts
 
 
 def test_without_its_gate_the_least_visual_score_closes_nothing(x64):
-    frames, t = [visual_frame([{0: 0.50}])] * 2, Thresholds()
-    matching = dataclasses.replace(t.matching, gate_match=False)
     thresholds = [
-        dataclasses.replace(t, matching=dataclasses.replace(matching, gate_min_visual=gate))
+        change_parts(Thresholds(), matching={"gate_match": False, "gate_min_visual": gate})
         for gate in (True, False)
     ]
-    pairs = decide_frames(frames, thresholds).assignment.pairs
+    pairs = decide_frames([visual_frame([{0: 0.50}])] * 2, thresholds).assignment.pairs
     assert pairs.eligible[:, 0, 0].tolist() == [False, True]
 
 

@@ -21,7 +21,7 @@ from remind_jax.remind.memory.cooccurrence import conditional, empty_cooccurrenc
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
 from tests.golden.load import load_cases
-from tests.statics import make_static
+from tests.statics import change_parts, make_static
 
 NUM, SLOTS = 12, 32  # detections and object slots of a scene
 STATIC = make_static(num_detections=NUM, num_objects=SLOTS, precision="float64")
@@ -54,11 +54,7 @@ def list_scenes(name: str = "scenes") -> list[Scene]:
 
 def thresholds(**changed: dict[str, Any]) -> Thresholds:
     """The published thresholds but for those named, by section, in the types of the tracker."""
-    base = Thresholds()
-    sections = {
-        name: dataclasses.replace(getattr(base, name), **fields) for name, fields in changed.items()
-    }
-    return dataclasses.replace(base, **sections).as_arrays(STATIC.scalar)
+    return change_parts(Thresholds(), **changed).as_arrays(STATIC.scalar)
 
 
 def view_of(

@@ -10,7 +10,7 @@ from remind_jax.errors import ConfigError
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS, GroupStatus, list_injections
 from remind_jax.remind.stages import MatchOrigin
 from tests.golden.load import load_expected
-from tests.statics import change_static
+from tests.statics import change_parts, change_static
 
 from .scenes import (
     GOLDEN,
@@ -129,9 +129,7 @@ def test_nothing_happens(why):
     changes = {"enabled": False} if why == "disabled" else {}
     if why == "no entries":
         none = np.zeros_like(scenes.undecided.present)
-        scenes = dataclasses.replace(
-            scenes, undecided=dataclasses.replace(scenes.undecided, present=none)
-        )
+        scenes = change_parts(scenes, undecided={"present": none})
     settled = settle_scenes(scenes, **changes)
     assert np.all(settled.resolved_slot == -1)
     np.testing.assert_array_equal(settled.remaining, scenes.undecided.present)

@@ -16,7 +16,7 @@ from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.prototypes import empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from tests.golden import load
-from tests.statics import make_static
+from tests.statics import change_parts, make_static
 
 pytestmark = pytest.mark.usefixtures("x64")
 DIM = 4
@@ -257,10 +257,7 @@ def test_banks_are_as_recorded(name):
         num = jax.tree.leaves(drawn)[0].shape[:2]
         may_insert = rng.random(num) < 0.9
         permit = Permit(may_insert, np.where(may_insert, 1.0, 0.2))
-        rules = Thresholds()
-        for group, values in zip(channel.groups, changes, strict=True):
-            changed = dataclasses.replace(getattr(rules, group), **values)
-            rules = dataclasses.replace(rules, **{group: changed})
+        rules = change_parts(Thresholds(), **dict(zip(channel.groups, changes, strict=True)))
         most = max(max(pair) for pair in slots.values())
         banks = empty_bank((2, channel.banks, num[1]), most, DIM, static.scalar)
         rules = rules.as_arrays(jnp.float64)

@@ -1,6 +1,5 @@
 """The examples of docs/method.md, and what settings change of them."""
 
-import dataclasses
 import itertools
 from collections.abc import Mapping
 from typing import Any
@@ -12,6 +11,7 @@ from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.thresholds import Thresholds
 from tests.remind.association.tables import Verdict, backed, decide_frames, visual_frame
+from tests.statics import change_parts
 
 MATCH, NEW, AMBIGUOUS = Outcome.MATCH, Outcome.NEW, Outcome.AMBIGUOUS
 PARENT, PROVISIONAL = Outcome.PROVISIONAL_PARENT, Outcome.PROVISIONAL_NEW
@@ -287,19 +287,13 @@ def check(verdict: Verdict, row: int, n: int, expected: Mapping[str, Any]) -> No
     assert d.option_blocked[row, n].sum() == expected.get("blocked", 0)
 
 
-def changed_by(changes: Changes) -> Thresholds:
-    t = Thresholds()
-    groups = {
-        name: dataclasses.replace(getattr(t, name), **values) for name, values in changes.items()
-    }
-    return dataclasses.replace(t, **groups)
-
-
 def test_worked_examples(x64):
     cases = {name: (rows, around, {}, told) for name, (rows, around, told) in EXAMPLES.items()}
     cases |= {f"variant {number}": case for number, case in enumerate(VARIANTS)}
     frames = [visual_frame(rows, **around) for rows, around, _, _ in cases.values()]
-    verdict = decide_frames(frames, [changed_by(changes) for _, _, changes, _ in cases.values()])
+    verdict = decide_frames(
+        frames, [change_parts(Thresholds(), **changes) for _, _, changes, _ in cases.values()]
+    )
     failed = []
     for row, (name, (_, _, _, expected)) in enumerate(cases.items()):
         for n, about in enumerate(expected):
@@ -312,7 +306,7 @@ def test_worked_examples(x64):
 
 def decide(rows: list[list[float]], **changed: Any) -> Verdict:
     """Without the other guards a detection is matched, new, or doubtful."""
-    thresholds = changed_by(without(*GUARDS, stability=changed))
+    thresholds = change_parts(Thresholds(), **without(*GUARDS, stability=changed))
     return decide_frames([visual_frame([dict(enumerate(row)) for row in rows])], [thresholds])
 
 
