@@ -16,6 +16,7 @@ from remind_jax.session import checkpoint
 from remind_jax.session.progress import Progress
 from tests.cli import scenes
 from tests.corpus.kills import compare_runs
+from tests.outputs.fake_run import make_run
 
 NUM = 8
 PICTURES = [scenes.picture(index, (1, 2, 3) if index % 3 else (1, 3)) for index in range(NUM)]
@@ -212,7 +213,7 @@ def test_checkpoints_take_a_bounded_share_of_a_run(tmp_path, monkeypatch):
         def checkpoint(self, path):
             now[0] += 3.0
 
-    step = _any_step()
+    step = make_run(1, (48, 64), 1)[1].tracks[0], checkpoint.Step({"step": 1.0}, 0.0)
     kept.add(*step)
     assert not kept.is_due
     now[0] = 10.0
@@ -223,9 +224,3 @@ def test_checkpoints_take_a_bounded_share_of_a_run(tmp_path, monkeypatch):
     assert not kept.is_due
     now[0] = 13.0 + 300.0
     assert kept.is_due
-
-
-def _any_step():
-    from tests.outputs.fake_run import make_run
-
-    return make_run(1, (48, 64), 1)[1].tracks[0], checkpoint.Step({"step": 1.0}, 0.0)
