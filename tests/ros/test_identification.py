@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import Outcome
-from remind_jax.errors import RemindError, SourceError
+from remind_jax.errors import SourceError
 from remind_jax.session.live import Tracker
 from remind_ros.definitions import DEFINITIONS
 from remind_ros.identification import KNOWN, NEW, Identification
@@ -89,14 +89,6 @@ def test_objects_can_be_renamed(identification):
     for wrong in ("99", "-1", "mug", ""):
         with pytest.raises(SourceError, match=f"no object '?{wrong}"):
             identification.rename(wrong, "mine")
-
-
-def test_a_bad_message_leaves_the_memory_alone(identification):
-    show(identification, 0)
-    picture, numbers = messages.scene(1)
-    with pytest.raises(RemindError):
-        identification.identify(messages.image(picture), messages.image(numbers[:50], "16UC1"))
-    assert [one.state for one in show(identification, 1).identities.identities] == [KNOWN, KNOWN]
 
 
 def test_classes_get_names(tracker):
