@@ -10,6 +10,7 @@ patches); `attention_heads` (the same per head); `bf16periods_*` with rounded ro
 """
 
 import dataclasses
+import inspect
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -54,19 +55,8 @@ class Network:
     def official(self, rounded_periods: bool = False) -> dict[str, np.ndarray]:
         """All tensors under official names, buffers included."""
         c = self.config
-        shapes = formulas.official_shapes(
-            c["family"],
-            c["width"],
-            c["depth"],
-            c["heads"],
-            c["patch"],
-            mlp=c["mlp"],
-            hidden=c["hidden"],
-            registers=c["registers"],
-            grid=c.get("grid", 0),
-            qkv_bias=c.get("qkv_bias", True),
-            local_cls_norm=c.get("local_cls_norm", False),
-        )
+        names = inspect.signature(formulas.official_shapes).parameters
+        shapes = formulas.official_shapes(**{name: c[name] for name in names if name in c})
         tensors = formulas.state_dict(shapes)
         for key in shapes:
             if key.endswith("periods"):

@@ -96,8 +96,7 @@ def undecided(present: Any, slot: Any) -> Undecided:
 
 def known_pairs(score: Any, eligible: Any) -> Pairs:
     """Pairs of which only the known score matters."""
-    over_scenes = initial_pairs if np.ndim(score) == 2 else jax.vmap(initial_pairs)
-    return dataclasses.replace(over_scenes(score), eligible=eligible)
+    return dataclasses.replace(jax.vmap(initial_pairs)(score), eligible=eligible)
 
 
 def relations_of(gap: Any, **changed: Any) -> Relations:
