@@ -188,24 +188,17 @@ CHANNELS = {
 
 def descriptors_of(num: int, **fields) -> Descriptors:
     """Descriptors of `num` detections with nothing in them but the given fields."""
+    absent: dict[str, Any] = {field.name: None for field in dataclasses.fields(Descriptors)}
     empty = {
         "appearance": np.zeros((num, 2, DIM), np.float32),
         "appearance_valid": np.zeros((num, 2), bool),
-        "parts": np.zeros((num, 1, 1, DIM), np.float32),
-        "parts_valid": np.zeros((num, 1, 1), bool),
         "rings": np.zeros((num, 2, DIM), np.float32),
         "rings_valid": np.zeros((num, 2), bool),
-        "num_patches": np.zeros(num, np.int32),
         "patch_sum": np.zeros(num),
-        "num_parts": np.zeros(num, np.int32),
-        "part_support": np.zeros(num),
         "ring_patches": np.zeros((num, 2), np.int32),
         "mask_quality": np.ones(num),
-        "class_id": np.zeros(num, np.int32),
-        "valid": np.ones(num, bool),
-        "num_bad_patches": np.int32(0),
     }
-    return Descriptors(**{**empty, **fields})
+    return Descriptors(**{**absent, **empty, **fields})
 
 
 @functools.partial(jax.jit, static_argnames=("observe", "static"))
