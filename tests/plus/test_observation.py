@@ -1,5 +1,6 @@
 """Detections of a frame: pooled looks and backgrounds, lengths that do not depend on its size."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,6 +8,8 @@ import pytest
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats
 from remind_jax.plus.observation import Motion, observe
+
+OBSERVE = jax.jit(observe)
 
 
 def seen(scale: int = 1, value: float = 1.0, unit_patches: bool = False, shift=(0.0, 0.0)):
@@ -22,7 +25,7 @@ def seen(scale: int = 1, value: float = 1.0, unit_patches: bool = False, shift=(
     motion = Motion(
         jnp.asarray(matrix, jnp.float32), jnp.float32(1), jnp.array([height, width]), jnp.float32(1)
     )
-    return observe(feats, masks, motion, jnp.array(unit_patches))
+    return OBSERVE(feats, masks, motion, jnp.array(unit_patches))
 
 
 def test_looks_are_of_the_object_and_rings_of_what_surrounds_it():

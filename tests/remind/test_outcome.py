@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -10,6 +11,8 @@ from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.outcome import rank_candidates
 from remind_jax.remind.state import init
 from tests.remind.association.tables import SLOTS, STATIC, decide_frames, visual_frame
+
+RANK = jax.jit(rank_candidates, static_argnums=2)
 
 
 def test_candidates_are_listed_by_falling_score_then_rising_id(x64):
@@ -28,7 +31,7 @@ def test_more_candidates_shown_than_objects_and_fewer(x64):
     candidate = jnp.arange(SLOTS)[None] < jnp.array([[3], [1]])
     comparison = Comparison(**{**absent, "candidate": candidate, "score": table})  # pyright: ignore[reportArgumentType]
     for shown in (2, SLOTS + 3):
-        listed, rows = rank_candidates(objects, comparison, shown)
+        listed, rows = RANK(objects, comparison, shown)
         expected = [[11, 12, 10], [10, NO_ID, NO_ID]]
         assert listed.shape == rows.shape == (2, shown)
         assert [row[:3] for row in listed.tolist()] == [row[:shown] for row in expected]
