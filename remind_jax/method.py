@@ -157,8 +157,8 @@ class Sweeping:
     described_by: tuple[str, ...] | None = None
     # Settings that the reduction of masks reads; the largest value of all serves all.
     reduced_by: tuple[str, ...] = ()
-    # On a CPU settings go one after the other inside the program, which rounds as the step alone
-    # does; side by side, sums have another order. For a method that is no slower for it.
+    # On a CPU settings go one after the other, which rounds as the step alone does; side by side,
+    # sums have another order. For a method that is no slower for it.
     in_turn_on_cpu: bool = False
 
 

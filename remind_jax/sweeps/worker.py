@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -89,10 +90,11 @@ class Worker:
 
     def _describe(self, scene: SceneFrames, setting: Setting) -> Any:
         static = dataclasses.replace(self._static, feature_dim=scene.feats[0].patches.shape[-1])
-        # Room that the scene does not need would be paid for by every setting; but not every
-        # further scene shall have a program of its own.
-        is_first, needed = self.batch == 0, scene.capacities
-        self._static = dataclasses.replace(static, **needed) if is_first else static.grow(**needed)
+        # Room that a scene does not need is paid for by every setting, so the first one gets what
+        # it needs; what further ones lack is doubled, so that they share programs.
+        is_first = self.batch == 0
+        make_room = functools.partial(dataclasses.replace, static) if is_first else static.grow
+        self._static = make_room(**scene.capacities)
         seen = _under(self._described_by, setting)
         what = (scene.digest, seen, self._static.num_detections)
         if self._described is None or self._described[0] != what:

@@ -3,7 +3,7 @@ import pytest
 
 from remind_jax.detectors import DetectorOptions
 from remind_jax.detectors.options import find_wanted_classes
-from remind_jax.errors import ConfigError
+from remind_jax.errors import ConfigError, OptionError
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ from remind_jax.errors import ConfigError
     ],
 )
 def test_a_bad_value_is_named_with_what_is_allowed(field, value, allowed):
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(OptionError) as caught:
         DetectorOptions(**{field: value})
     message = str(caught.value)
     assert str(value)[:20] in message
