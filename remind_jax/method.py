@@ -53,6 +53,10 @@ class AtRest(Protocol):
         """The memory with so many slots free that they suffice; None if that cannot be."""
         ...
 
+    def rest(self, state: Any, static: Static, num: int) -> Any:
+        """The memory without so many objects at most that are longest out of view: they rest."""
+        ...
+
     def recall(self, state: Any, seen: Any, static: Static) -> Any:
         """The memory with what the next frame may show; None if nothing comes."""
         ...

@@ -200,10 +200,11 @@ def test_a_tracker_that_refused_goes_on():
 
 
 @pytest.mark.parametrize("part", ["prepare", "advance"])
-def test_a_second_thread_is_refused_and_nothing_is_damaged(part):
+def test_a_second_thread_is_refused_and_nothing_is_damaged(part, tmp_path):
     live, alone = rj.Tracker(), rj.Tracker()
-    seen = create(MASKS, ["a", "b"])
+    seen, path = create(MASKS, ["a", "b"]), tmp_path / "memory.safetensors"
     live.update(IMAGE, seen)
+    live.save(path)
     alone.update(IMAGE, seen)
     held = live._alone(part)
     inside, done = threading.Event(), threading.Event()
@@ -216,8 +217,12 @@ def test_a_second_thread_is_refused_and_nothing_is_damaged(part):
     thread = threading.Thread(target=hold)
     thread.start()
     assert inside.wait(60)
-    with pytest.raises(RemindError, match="two threads at once"):
-        live.update(IMAGE, seen)
+    calls = [lambda: live.update(IMAGE, seen), live.reset, lambda: live.load(path)]
+    if part == "advance":
+        calls += [lambda: live.save(path), lambda: live.checkpoint(path), live.objects]
+    for call in calls:
+        with pytest.raises(RemindError, match="two threads at once"):
+            call()
     done.set()
     thread.join()
     np.testing.assert_array_equal(

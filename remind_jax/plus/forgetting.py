@@ -10,6 +10,7 @@ from jaxtyping import Bool, Int
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus.state import PlusState
+from remind_jax.plus.whitening import sum_up
 
 
 def coming_ids(state: PlusState) -> Int[np.ndarray, "open"]:
@@ -21,8 +22,8 @@ def coming_ids(state: PlusState) -> Int[np.ndarray, "open"]:
 def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids"]) -> PlusState:
     """The memory without some objects: their rows, relations and tracklets are those of `empty`.
 
-    What was learned about all objects together stays but for the last frames' looks that are not
-    summed up yet; nothing of it shows a single object.
+    What was learned about all objects together stays; nothing of it shows a single object once the
+    looks of the last frames are summed up as well.
 
     Args:
       state: The memory.
@@ -43,7 +44,7 @@ def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids
         either = either.reshape(*either.shape, *[1] * (leaf.ndim - 2))
         return np.where(either, np.asarray(none), np.asarray(leaf))
 
-    slot = np.asarray(state.tracklets.slot)
+    scene, slot = state.scene, np.asarray(state.tracklets.slot)
     held = (slot != NO_SLOT) & gone[np.maximum(slot, 0)]
     held |= np.asarray(state.tracklets.is_open) & np.isin(np.asarray(state.tracklets.id), ids)
     return dataclasses.replace(
@@ -53,6 +54,8 @@ def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids
         tracklets=clear(held, state.tracklets, empty.tracklets),
         scene=dataclasses.replace(
             state.scene,
+            total=sum_up(scene.total, scene.recent_looks, scene.looks_fade),
+            within=sum_up(scene.within, scene.recent_steps, scene.steps_fade),
             recent_looks=empty.scene.recent_looks,
             looks_fade=empty.scene.looks_fade,
             recent_steps=empty.scene.recent_steps,

@@ -14,7 +14,7 @@ from jaxtyping import Int
 from remind_jax.method import Joined
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.archive import Resting
+from remind_jax.plus.archive import NO_PARTNERS, Resting
 from remind_jax.plus.memory_matching import NOBODY, Side, match
 from remind_jax.plus.recall import ObjectsAtRest
 from remind_jax.plus.state import PlusState
@@ -47,7 +47,7 @@ def join(
     there |= {one.id: one for one in _ended(other, t.decision)}
     shift, later = int(state.next_id), int(state.frame) - int(other.frame)
     moved = {one: _moved(of_one, shift, later, class_ids) for one, of_one in there.items()}
-    partners = {one + shift: _renamed(of_one, shift) for one, of_one in partners_there.items()}
+    partners = {one + shift: _renamed(partners_there.get(one, NO_PARTNERS), shift) for one in there}
     state = dataclasses.replace(state, next_id=np.int32(shift + int(other.next_id)))
     matched: list[tuple[int, int]] = []
     ambiguous: dict[int, tuple[int, ...]] = {}
@@ -92,6 +92,7 @@ def _ended(state: PlusState, t: th.Decision) -> list[Resting]:
             for name in ("id", "class_id", "last", "size")
         }
         values |= {"seen": np.int32(0), "visits": np.int32(1), "speed": np.float32(0)}
+        values |= {"class_lead": np.int32(1)}
         values |= {"ring": np.zeros_like(tracklets.ring[row]), "ring_count": np.int32(0)}
         values = {name: np.asarray(value) for name, value in values.items()}
         look = np.array(tracklets.look[row])

@@ -75,6 +75,16 @@ class ObjectsAtRest:
         spare = static.num_objects // SPARE_SHARE
         return self._rest(state, static, idle[: max(0, lacking) + spare])
 
+    def rest(self, state: PlusState, static: Static, num: int) -> PlusState:
+        """Rests what was longest out of view, so many at most.
+
+        Args:
+          state: The memory, on the host.
+          static: Its capacities.
+        """
+        state = jax.device_get(state)
+        return self._rest(state, static, self._idle(state)[:num])
+
     def recall(self, state: PlusState, seen: Any, static: Static) -> PlusState | None:
         """Brings what the detections of the next frame may be; None if nothing comes.
 

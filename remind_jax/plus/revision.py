@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from remind_jax.decision import Outcome, Reason
+from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.state import Answers
 from remind_jax.tracks import Tracks
@@ -40,7 +40,8 @@ class DelayedAnswers:
     """Holds back the answers of some frames and revises them by what is known then.
 
     No id is given twice in a frame: where a revision would do so, the earlier answer stays. An
-    answer that stays has the confidence that it has by then.
+    answer that stays has the confidence that it has by then. An object is new where it is answered
+    for the first time.
     """
 
     def __init__(self, delay: int) -> None:
@@ -49,6 +50,7 @@ class DelayedAnswers:
         self._waiting: deque[tuple[Any, Tracks, Int[np.ndarray, "N"]]] = deque()
         self._latest: dict[int, _Latest] = {}  # by tracklet
         self._merged: dict[int, int] = {}  # object, and which it turned out to be
+        self._begun: set[int] = set()  # objects that were answered as new
 
     def evidence(self, state: Any) -> dict[str, list[int]]:
         """What `push` needs of the memory after a frame, as `json` can write it."""
@@ -91,6 +93,7 @@ class DelayedAnswers:
         ]
         object_id, outcome = tracks.object_id.copy(), tracks.outcome.copy()
         reason, confidence = tracks.reason.copy(), tracks.confidence.copy()
+        status = tracks.status.copy()
         score = tracks.score.copy()  # the confidence, as everywhere in plus
         taken = {int(now) for now in object_id if now != NO_ID}
         # One that waits for an id that another gives up comes after that one.
@@ -106,15 +109,23 @@ class DelayedAnswers:
             taken.discard(int(object_id[row]))
             taken.add(now)
             object_id[row], confidence[row], score[row] = now, one.confidence, one.confidence
-            is_new = outcome[row] == Outcome.NEW and now == tracklet[row]
-            outcome[row] = Outcome.NEW if is_new else Outcome.MATCH
-            reason[row] = Reason.CREATED_NEW if is_new else Reason.ASSIGNED
+            status[row] = Status.STRONG
+            outcome[row], reason[row] = Outcome.MATCH, Reason.ASSIGNED
         settled = object_id != NO_ID
+        is_own = settled & (object_id == tracklet)
+        begins = is_own & ~np.isin(object_id, list(self._begun))
+        self._begun.update(object_id[begins].tolist())
+        for rows, said in (
+            (is_own & (outcome == Outcome.NEW), (Outcome.MATCH, Reason.ASSIGNED)),
+            (begins, (Outcome.NEW, Reason.CREATED_NEW)),
+        ):
+            outcome[rows], reason[rows] = said
         changed = dataclasses.replace(
             tracks,
             object_id=object_id,
             outcome=outcome,
             reason=reason,
+            status=status,
             score=score,
             confidence=confidence,
             pending_id=np.where(settled, NO_ID, tracks.pending_id),

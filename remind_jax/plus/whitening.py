@@ -125,8 +125,8 @@ def renew_whitening(
     due &= scene.total_weight > 0
 
     def renew(_: Array, before: _Whitening) -> _Whitening:
-        total = _sum_up(before.total, scene.recent_looks, scene.looks_fade)
-        within = _sum_up(before.within, scene.recent_steps, scene.steps_fade)
+        total = sum_up(before.total, scene.recent_looks, scene.looks_fade)
+        within = sum_up(before.within, scene.recent_steps, scene.steps_fade)
         renewed = _refit(dataclasses.replace(scene, total=total, within=within), t)
         white = jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, objects.bank), 0.0)
         return _Whitening(total, within, renewed.basis, renewed.whitener, renewed.white_mean, white)
@@ -204,7 +204,7 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     )
 
 
-def _sum_up(
+def sum_up(
     scatter: Float[Array, "D D"], recent: Float[Array, "F N D"], fade: Float[Array, "F"]
 ) -> Float[Array, "D D"]:
     """The scatter with the frames that are not in it yet, in their order."""

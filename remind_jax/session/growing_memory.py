@@ -82,7 +82,7 @@ class GrowingMemory:
                 f"input.max_objects is {max_objects}, but tracker '{method.name}' forgets no "
                 "objects; leave it at 0"
             )
-        self._max_objects = max_objects
+        self._max_objects, self._feature_dim = max_objects, static.feature_dim
         self._state: Any = None  # as it was read or set last; None where it has to be read
         self._bundle: Bundle | None = None  # as the last step left it
         self.trace: Any = None
@@ -109,6 +109,7 @@ class GrowingMemory:
     def forget(self) -> None:
         """Empties it; compiled programs stay."""
         self.state = self.trace = None
+        self.static = dataclasses.replace(self.static, feature_dim=self._feature_dim)
         self.at_rest = self._new_rest()
 
     def prepare_programs(
@@ -184,11 +185,13 @@ class GrowingMemory:
         if excess <= 0:
             return []
         if excess > resting:
-            needed = self.static.num_objects + excess - resting
-            rested = self.at_rest.make_room(self.state, self.static, needed)
-            self.state = self.state if rested is None else rested
-        gone = plural(len(self.at_rest.forget_least_known(excess)), "object")
-        what = f"{gone} forgotten, as more than {self._max_objects} were known"
+            self.state = self.at_rest.rest(self.state, self.static, excess - resting)
+        gone = self.at_rest.forget_least_known(excess)
+        if not gone:  # all are in view
+            return []
+        what = (
+            f"{plural(len(gone), 'object')} forgotten, as more than {self._max_objects} were known"
+        )
         return [Event(frame_index, "forgotten", what)]
 
     def use(self) -> MemoryUse:

@@ -150,9 +150,10 @@ class Tracker(Printable):
 
     def objects(self) -> tuple[RememberedObject, ...]:
         """What is known of each object in memory that got an id, by rising id."""
-        if self.state is None:
-            return ()
-        return self.identities.records.objects(self._saved().object_ids())
+        with self._alone("advance"):
+            if self.state is None:
+                return ()
+            return self.identities.records.objects(self._saved().object_ids())
 
     def rename(self, object_id: int, name: str) -> None:
         """Gives an object a name, which answers and outputs show from now on; "" takes it back.
@@ -227,9 +228,10 @@ class Tracker(Printable):
 
     def reset(self) -> None:
         """Forgets everything; compiled programs stay."""
-        self._memory.forget()
-        self.preparer = self._new_preparer()
-        self.identities = Identities(self.announce_after, self.static.first_object_id)
+        with self._alone("prepare"), self._alone("advance"):
+            self._memory.forget()
+            self.preparer, self._features_given = self._new_preparer(), False
+            self.identities = Identities(self.announce_after, self.static.first_object_id)
 
     def warm_up(
         self, frame_size: tuple[int, int], *, num_objects: int = 0, num_detections: int = 0
@@ -365,7 +367,8 @@ class Tracker(Printable):
           OutputError: If the file cannot be written.
           SourceError: If there is nothing to remember yet.
         """
-        save_memory(path, self._saved(), durably=durably)
+        with self._alone("advance"):
+            save_memory(path, self._saved(), durably=durably)
 
     def checkpoint(self, path: str | Path) -> None:
         """As `save`, and returns only when it is on the disk: for loops that may be cut off.
@@ -382,7 +385,8 @@ class Tracker(Printable):
         path = as_path(path, "the memory file", OutputError)
         if self._memory_file is None or self._memory_file.path != path:
             self._memory_file = MemoryFile(path)
-        self._memory_file.update(self._saved())
+        with self._alone("advance"):
+            self._memory_file.update(self._saved())
 
     def load(self, path: str | Path) -> None:
         """Goes on from a memory file; what is in memory now is forgotten.
@@ -399,9 +403,11 @@ class Tracker(Printable):
         check_tracker(memory, self.method.name, path)
         if memory.backbone != FEATURES_GIVEN:
             check_backbone(memory, self.features.described_by, path)
-        self._features_given = memory.backbone == FEATURES_GIVEN
-        self._memory.static = static_of(memory, self.config, path)
-        self._restore(memory)
+        with self._alone("prepare"), self._alone("advance"):
+            self._features_given = memory.backbone == FEATURES_GIVEN
+            self._memory.static = static_of(memory, self.config, path)
+            self.preparer = self._new_preparer()
+            self._restore(memory)
 
     def join(self, path: str | Path) -> JoinedObjects:
         """Adds the objects of another memory; those that are known here are merged (`split`).

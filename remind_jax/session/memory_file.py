@@ -65,9 +65,9 @@ class SavedMemory:
         return {*get_method(self.tracker).known_ids(self.state), *resting}
 
     def object_ids(self) -> set[int]:
-        """The ids of its objects, as announced."""
+        """The announced ids of its objects, and of all that people declared to be one of them."""
         announced = self.announced or Announcements()
-        return {announced.id_of(one) for one in self.known_ids()}
+        return self.records.with_merged({announced.id_of(one) for one in self.known_ids()})
 
 
 @dataclasses.dataclass(frozen=True)

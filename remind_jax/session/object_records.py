@@ -186,6 +186,11 @@ class ObjectRecords:
             and (ids is None or any(one in ids for one in self.members(object_id)))
         )
 
+    def with_merged(self, ids: Collection[int]) -> set[int]:
+        """Objects with all that are declared to be one with them."""
+        kept = {self.merged_into.get(one, one) for one in ids}
+        return kept | {one for one, other in self.merged_into.items() if other in kept} | set(ids)
+
     def members(self, object_id: int) -> tuple[int, ...]:
         """An object and those that were merged into it."""
         others = (gone for gone, kept in self.merged_into.items() if kept == object_id)

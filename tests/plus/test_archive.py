@@ -238,5 +238,11 @@ def test_what_is_seen_least_is_forgotten_beyond_a_bound(building):
     assert {one.kind for one in events} == {"forgotten"}
     assert "more than 100 were known" in events[0].message
     assert walk(tracker, building, (9,), start=150) == [told[9]]
+    # What is in view is not forgotten, and nothing is told where nothing goes.
+    few = rj.Tracker(config={**bound, "input": {"max_objects": PER_PLACE - 2}})
+    for number in range(STAY):
+        few.update(building.frame(number, 0))
+        assert not few.events
+    assert few.num_objects == PER_PLACE
     with pytest.raises(ConfigError, match="forgets no objects"):
         rj.Tracker(config={"input": {"max_objects": 3}}, tracker="bank")

@@ -11,6 +11,7 @@ import remind_jax as rj
 from benchmarks.building import PER_PLACE, STAY, Building
 from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.plus import memory_matching
+from remind_jax.plus.archive import Archive
 from remind_jax.plus.joining import join
 from remind_jax.plus.memory_matching import NOBODY
 from remind_jax.plus.recall import ObjectsAtRest
@@ -82,6 +83,20 @@ def test_what_was_not_decided_yet_comes_as_after_its_last_frame():
     assert found.ids == {0: 40, 6: 46}
     assert found.matched == ((3, 46),)
     assert 46 in at_rest.archive
+    assert set(at_rest.archive.snapshot().resting[46].values) == set(
+        at_rest.archive.snapshot().resting[40].values
+    )
+
+
+def test_a_memory_that_took_in_what_has_no_partners_is_written_and_read():
+    other = memory({0: 1}, next_id=9)
+    tracklets = jax.tree.map(np.array, no_tracklets(len(other.tracklets.alive), DIM))
+    tracklets.alive[0], tracklets.leans_new[0], tracklets.age[0] = True, True, 2
+    tracklets.id[0], tracklets.class_id[0], tracklets.look[0] = 6, 0, LOOKS[2]
+    nothing = dataclasses.replace(memory(next_id=9), tracklets=tracklets)
+    (state, _), at_rest = joined(memory({3: 1}), nothing)
+    restored = Archive.restored([at_rest.archive.tensors()], state, 1)
+    assert restored.ids() == [46]
 
 
 @pytest.mark.parametrize("num", [2, 3])

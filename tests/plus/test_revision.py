@@ -6,7 +6,7 @@ import types
 import numpy as np
 import pytest
 
-from remind_jax.decision import Outcome
+from remind_jax.decision import Outcome, Status
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.revision import DelayedAnswers, find_merges
 from remind_jax.tracks import Tracks
@@ -97,3 +97,20 @@ def test_two_that_trade_ids_both_get_their_own():
     ]
     first, _ = run(1, frames)
     assert first.object_id.tolist() == [4, 5]
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_an_object_is_new_in_the_first_frame_that_it_is_answered_in(delay):
+    named = [(NO_ID, Outcome.AMBIGUOUS), (7, Outcome.NEW), (7, Outcome.MATCH), (7, Outcome.MATCH)]
+    frames = [(answers(i, [one], [said]), state([7])) for i, (one, said) in enumerate(named)]
+    told = run(delay, frames)
+    firm = [tracks.outcome[0] for tracks in told if tracks.object_id[0] != NO_ID]
+    assert firm == [Outcome.NEW] + [Outcome.MATCH] * (len(firm) - 1)
+    assert len(firm) == (3 if delay == 0 else 4)
+
+
+def test_a_revised_answer_is_as_clear_as_one_that_was_firm_at_once():
+    ambiguous = answers(0, [NO_ID], [Outcome.AMBIGUOUS])
+    ambiguous = dataclasses.replace(ambiguous, status=np.array([Status.AMBIGUOUS]))
+    told, _ = run(1, [(ambiguous, state([7])), (answers(1, [3], [Outcome.MATCH]), state([7]))])
+    assert told.status.tolist() == [Status.STRONG]

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import ConfigError
+from remind_jax.frame import Detections, Frame
 from remind_jax.session.live import Tracker
+from remind_jax.session.memory_file import load_memory
 from tests.cli import scenes
 
 # Of a tracker that compiles quickly: what is asked here does not depend on who decides.
@@ -63,3 +65,23 @@ def test_a_switch_that_the_method_does_not_have_is_refused():
     chosen = {"tracker": "remind", "static": {"part_clusters": 6}}
     assert Tracker(chosen).static.switches.part_clusters == 6
     assert Tracker({"tracker": "plus", "static": {"num_candidates": 3}}).static.num_candidates == 3
+
+
+def test_nothing_of_the_stream_before_is_left_after_load_and_reset(tmp_path):
+    path = tmp_path / "memory.safetensors"
+    tracker = Tracker({"tracker": "plus"})
+    for image, labels in frames(2):
+        tracker.update(image, labels)
+    tracker.save(path)
+    tracker.load(path)
+    assert tracker.preparer.last_image is None
+    tracker.reset()
+    rng = np.random.default_rng(0)
+    masks = np.zeros((1, 96, 128), bool)
+    masks[0, 32:64, 32:64] = True
+    features = rng.normal(size=(6, 8, 7)).astype(np.float32)
+    tracker.update(Frame(0, 0, 0.0, "0", None, Detections.create(masks), features))
+    tracker.reset()
+    tracker.update(*frames(1)[0])
+    tracker.save(path)
+    assert load_memory(path).backbone == tracker.features.described_by

@@ -9,7 +9,7 @@ from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError, RemindError, SourceError
 from remind_jax.files.tensors import read_safetensors_header
 from remind_jax.method import list_methods
-from remind_jax.session.filed_records import to_file
+from remind_jax.session.filed_records import from_file, to_file
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
 from remind_jax.session.object_pictures import Picture, Pictures, best_of, fit_into
@@ -283,3 +283,14 @@ def test_a_view_is_judged_less_and_less_often(monkeypatch):
 def test_names_by_two_threads_are_refused(tracker):
     with tracker._alone("advance"), pytest.raises(RemindError, match="two threads at once"):
         tracker.rename(0, "mug")
+
+
+def test_what_is_one_stays_one_where_memory_lost_the_object_that_it_is_named_after():
+    records = ObjectRecords()
+    records.note(seen(0, [1, 2, 3]), None)
+    records.merge(1, [2])
+    records.rename(1, "mine")
+    assert records.with_merged({2}) == {1, 2}
+    assert records.with_merged({1, 3}) == {1, 2, 3}
+    read = from_file([to_file(records, records.with_merged({2, 3}))])
+    assert (read.merged_into, read.names) == (records.merged_into, records.names)
