@@ -50,7 +50,7 @@ class DelayedAnswers:
         self._waiting: deque[tuple[Any, Tracks, Int[np.ndarray, "N"]]] = deque()
         self._latest: dict[int, _Latest] = {}  # by tracklet
         self._merged: dict[int, int] = {}  # object, and which it turned out to be
-        self._begun: set[int] = set()  # objects that were answered as new
+        self._begun: set[int] = set()  # objects whose own tracklet was answered
 
     def evidence(self, state: Any) -> dict[str, list[int]]:
         """What `push` needs of the memory after a frame, as `json` can write it."""
@@ -113,8 +113,10 @@ class DelayedAnswers:
             outcome[row], reason[row] = Outcome.MATCH, Reason.ASSIGNED
         settled = object_id != NO_ID
         is_own = settled & (object_id == tracklet)
-        begins = is_own & ~np.isin(object_id, list(self._begun))
-        self._begun.update(object_id[begins].tolist())
+        # One that was shown before, in a run that this one goes on from, matches from the start.
+        may_begin = (outcome == Outcome.NEW) | (object_id != tracks.object_id)
+        begins = is_own & may_begin & ~np.isin(object_id, list(self._begun))
+        self._begun.update(object_id[is_own].tolist())
         for rows, said in (
             (is_own & (outcome == Outcome.NEW), (Outcome.MATCH, Reason.ASSIGNED)),
             (begins, (Outcome.NEW, Reason.CREATED_NEW)),
