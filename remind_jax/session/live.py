@@ -383,9 +383,9 @@ class Tracker(Printable):
           SourceError: If there is nothing to remember yet.
         """
         path = as_path(path, "the memory file", OutputError)
-        if self._memory_file is None or self._memory_file.path != path:
-            self._memory_file = MemoryFile(path)
         with self._alone("advance"):
+            if self._memory_file is None or self._memory_file.path != path:
+                self._memory_file = MemoryFile(path)
             self._memory_file.update(self._saved())
 
     def load(self, path: str | Path) -> None:

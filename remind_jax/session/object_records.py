@@ -189,7 +189,7 @@ class ObjectRecords:
     def with_merged(self, ids: Collection[int]) -> set[int]:
         """Objects with all that are declared to be one with them."""
         kept = {self.merged_into.get(one, one) for one in ids}
-        return kept | {one for one, other in self.merged_into.items() if other in kept} | set(ids)
+        return kept | {one for one, other in self.merged_into.items() if other in kept}
 
     def members(self, object_id: int) -> tuple[int, ...]:
         """An object and those that were merged into it."""
