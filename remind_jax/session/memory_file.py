@@ -13,7 +13,7 @@ import jax
 import msgspec
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import save, save_file
+from safetensors.numpy import save
 
 from remind_jax import files
 from remind_jax.config import Config
@@ -139,7 +139,7 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
     leaves, header = _describe(memory)
     path = files.as_path(path, "the memory file", OutputError)
     with files.replacing(path, SafetensorError, durably=durably) as partial:
-        save_file(leaves, partial, metadata=header)
+        partial.write_bytes(save(leaves, header))  # `save_file` lets nobody else read it
     return header["sha256"]
 
 

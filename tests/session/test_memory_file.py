@@ -76,6 +76,12 @@ def rewrite(path: Path, *, header: dict | None = None, tensors: dict | None = No
     return path
 
 
+def test_a_file_is_as_readable_as_others(path):
+    other = path.with_name("other")
+    other.touch()
+    assert path.stat().st_mode == other.stat().st_mode
+
+
 def test_round_trip_is_exact(path, memory):
     loaded = load_memory(path)
     chex.assert_trees_all_equal(loaded.state, memory.state, strict=True)
