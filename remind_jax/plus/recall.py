@@ -186,9 +186,12 @@ class ObjectsAtRest:
         return [*first, *sorted(company, key=lambda one: -votes[one])]
 
     def _idle(self, state: PlusState) -> list[int]:
-        """Slots of objects that no tracklet holds, those that were longest not needed first."""
+        """Slots of objects that no tracklet holds, those that were longest not needed first.
+
+        What an open one was answered as in the last frame, it holds as well.
+        """
         objects, tracklets = state.objects, state.tracklets
-        held = np.zeros(len(objects.id), bool)
+        held = np.isin(objects.id, state.answers.answer_id)
         held[tracklets.slot[tracklets.alive & (tracklets.slot != NO_SLOT)]] = True
         came = np.array([self._came.get(int(one), 0) for one in objects.id])
         needed = np.maximum(objects.last, came)

@@ -11,7 +11,7 @@ from benchmarks.building import PER_PLACE, STAY, Building
 from remind_jax.errors import ConfigError
 from remind_jax.plus.archive import MAX_PARTNERS, Archive
 from remind_jax.plus.look_index import LookIndex, Owner, Whitener
-from remind_jax.plus.recall import _names_of
+from remind_jax.plus.recall import ObjectsAtRest, _names_of
 from remind_jax.plus.state import UNRELATED, init
 from remind_jax.plus.whitening import whiten
 from remind_jax.static import Static
@@ -108,6 +108,13 @@ def test_relations_outlast_a_rest_of_either_object():
     both = archive.wake(first, [0], CENTER)
     for name, leaf in by_id(both).items():
         np.testing.assert_array_equal(leaf, by_id(state)[name], name)
+
+
+def test_what_an_open_tracklet_is_answered_as_does_not_rest():
+    state = remembered(6)
+    state.answers.answer_id[1] = state.objects.id[2]
+    rested = ObjectsAtRest().rest(state, STATIC, 6)
+    assert rested.objects.id[rested.objects.id >= 0].tolist() == [state.objects.id[2]]
 
 
 def test_search_is_exact_however_looks_came_and_went():
