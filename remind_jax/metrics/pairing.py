@@ -143,11 +143,10 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
     if truth.frame_names and prediction.frame_names:
         place = align_frames(truth.frame_names, prediction.frame_names, prediction.name)
     else:
-        place = np.arange(prediction.num_frames)
-        if prediction.source_frames is not None:
-            place = prediction.source_frames.copy()
+        place = _numbers(prediction, truth)
         if truth.frame_names:
-            place[place >= truth.num_frames] = NOT_ALIGNED
+            place_of = {one: at for at, one in enumerate(_numbers(truth, prediction).tolist())}
+            place = np.array([place_of.get(one, NOT_ALIGNED) for one in place.tolist()], np.int64)
         num_frames = max(truth.num_frames, int(place.max(initial=-1)) + 1)
         truth = dataclasses.replace(truth, num_frames=num_frames)
     new_frame = place[prediction.frame]
@@ -166,6 +165,20 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
         notes.append(f"{len(looked_at)} of {truth.num_frames} frames were processed")
         truth, moved = (_keep_frames(side, looked_at) for side in (truth, moved))
     return truth, moved, tuple(notes)
+
+
+def _numbers(rows: TrackRows, other: TrackRows) -> Int[np.ndarray, "frames"]:
+    """Numbers of the frames as the other side counts them: in the source, where they are known.
+
+    What has no more frames than were processed here counts these, as text that a run wrote does.
+    """
+    numbers = rows.source_frames
+    if numbers is None:
+        return np.arange(rows.num_frames)
+    is_processed = numbers != NOT_ALIGNED
+    if other.source_frames is None and other.num_frames <= np.sum(is_processed):
+        numbers = np.where(is_processed, np.arange(rows.num_frames), NOT_ALIGNED)
+    return numbers
 
 
 def _keep_frames(rows: TrackRows, frames: Int[np.ndarray, "T"]) -> TrackRows:

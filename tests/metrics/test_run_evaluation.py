@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import NO_ID, Outcome
+from remind_jax.formats.cvat import to_cvat
+from remind_jax.formats.mot import mot_lines
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics import SceneOptions, evaluate, evaluate_tracks
 from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
@@ -83,6 +85,16 @@ def test_only_processed_frames_are_evaluated(tmp_path: Path, truth: Path):
     evaluation = evaluate(truth, save(tmp_path / "run", every_second))
     assert evaluation.notes == ("3 of 5 frames were processed",)
     assert evaluation.scores()["GT_Dets"] == 5
+
+
+def test_outputs_of_one_strided_run_agree_whichever_is_the_truth(tmp_path: Path):
+    run = [dataclasses.replace(frame, frame_index=at) for at, frame in enumerate(make_run()[::2])]
+    folder, mot, cvat = save(tmp_path / "run", run), tmp_path / "mot.txt", tmp_path / "cvat.xml"
+    mot.write_text("\n".join(mot_lines(run)))
+    cvat.write_bytes(to_cvat(run, "run", [*CLASSES.values()], run[0].frame_size))
+    for other in (mot, cvat):
+        for sides in ((folder, other), (other, folder)):
+            assert evaluate(*sides).scores()["IDF1"] == 1.0
 
 
 def test_undecided_detections_beside_the_truth_are_no_observations(tmp_path: Path, truth: Path):
