@@ -93,7 +93,7 @@ class Memory:
                 memory, line = _apply(memory, *change)
                 said = [line]
             save_memory(self.out or path, memory)
-        objects = memory.records.objects(memory.object_ids())
+        objects = memory.records.objects()
         about = (
             f"{plural(len(objects), 'object')} in {plural(memory.records.session, 'session')}, "
             f"tracker {memory.tracker}, {memory.backbone}"

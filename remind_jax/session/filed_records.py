@@ -89,7 +89,7 @@ def to_file(
     filed = FiledRecords(
         session=records.session,
         objects=rows,
-        names=[(one, name) for one, name in records.names.items() if one in all_kept],
+        names=[(one, name) for one, name in records.given.items() if one in all_kept],
         merged=[
             (gone, target)
             for gone, target in records.merged_into.items()
@@ -115,10 +115,10 @@ def from_file(parts: Sequence[tuple[FiledRecords, UInt8[np.ndarray, "_"]]]) -> O
     last = parts[-1][0]
     records = ObjectRecords(last.session, found)
     try:
-        for gone, kept in last.merged:
-            records.merge(kept, [gone])
         for object_id, name in last.names:
             records.rename(object_id, name)
+        for gone, kept in last.merged:
+            records.merge(kept, [gone])
     except SourceError as error:
         raise SourceError(f"its names and merges do not fit: {error}") from error
     return records

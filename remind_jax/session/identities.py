@@ -86,7 +86,6 @@ class Identities:
             self._is_new_session = False
         self.decided, self.merges = decided, list(merges)
         self.announcements = announce(self.announcements, decided, self.announce_after, merges)
-        answers = self.answer(decided)
         events = []
         for gone, kept in merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
@@ -94,14 +93,15 @@ class Identities:
                 self.records.merge_for_good(old, new)
                 message = f"object {old} turned out to be object {new}"
                 events.append(Event(decided.frame_index, "merged", message))
-        self.records.note(as_announced(self.announcements, decided), image)
+        announced = as_announced(self.announcements, decided)
+        self.records.note(announced, image)
         if self._num_told() > self._most_told:
             # Memory has no more what many of the records are of; they go before they become more.
             known = known_ids()
             self.records.keep({self.announcements.id_of(one) for one in known})
             self.announcements = self.announcements.among(known)
             self._most_told = max(_FEW_TOLD, self._num_told() * 5 // 4)
-        return answers, events
+        return self.records.answer(announced), events
 
     def answer(self, decided: Tracks) -> Tracks:
         """The answers about a frame that was decided, by what is announced, named and merged."""

@@ -44,7 +44,7 @@ from remind_jax.session.memory_file import (
     save_memory,
     static_of,
 )
-from remind_jax.session.object_records import RememberedObject
+from remind_jax.session.object_records import ObjectRecords, RememberedObject
 from remind_jax.session.preparation import FramePreparer, Prepared
 from remind_jax.settings.ranges import check_option, check_switch
 from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS, Static
@@ -151,9 +151,7 @@ class Tracker(Printable):
     def objects(self) -> tuple[RememberedObject, ...]:
         """What is known of each object in memory that got an id, by rising id."""
         with self._alone("advance"):
-            if self.state is None:
-                return ()
-            return self.identities.records.objects(self._saved().object_ids())
+            return self._records().objects()
 
     def rename(self, object_id: int, name: str) -> None:
         """Gives an object a name, which answers and outputs show from now on; "" takes it back.
@@ -163,7 +161,7 @@ class Tracker(Printable):
             object has it.
         """
         with self._alone("advance"):
-            self.identities.records.rename(object_id, name)
+            self._records().rename(object_id, name)
 
     def merge(self, object_id: int, *others: int) -> None:
         """Declares others to be this object: from now on, all of them are answered by its id.
@@ -174,7 +172,7 @@ class Tracker(Printable):
           SourceError: If there is no such object, or one is named twice.
         """
         with self._alone("advance"):
-            self.identities.records.merge(object_id, others)
+            self._records().merge(object_id, others)
 
     def split(self, object_id: int) -> tuple[int, ...]:
         """Takes back what `merge` made one with this object; gives the ids of the others.
@@ -183,7 +181,7 @@ class Tracker(Printable):
           SourceError: If there is no such object, or nothing was merged into it.
         """
         with self._alone("advance"):
-            return self.identities.records.split(object_id)
+            return self._records().split(object_id)
 
     def forget(self, object_id: int) -> None:
         """Removes an object with all that was merged into it, its looks and its pictures.
@@ -194,6 +192,7 @@ class Tracker(Printable):
           SourceError: If there is no such object.
         """
         with self._alone("advance"):
+            self._records()
             self._memory.state = forget_object(self._saved(), object_id).state
 
     @property
@@ -462,6 +461,12 @@ class Tracker(Printable):
         if not self._has_profile:
             self.config = self.config.for_backbone(*self.backbone.identity)
             self._has_profile = True
+
+    def _records(self) -> ObjectRecords:
+        """The records of objects in memory; those of others go, so that their names are free."""
+        if self.state is not None:
+            self.identities.records.keep(self._saved().object_ids())
+        return self.identities.records
 
     def _saved(self) -> SavedMemory:
         """The memory as it is now.

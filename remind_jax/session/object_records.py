@@ -71,14 +71,18 @@ class ObjectRecord:
     def joined(self, other: ObjectRecord) -> ObjectRecord:
         """The two as one."""
         earlier = best_of((*self.pictures.best, *other.pictures.best))
-        last = max(self.last, other.last)
+        first, last = min(self.first, other.first), max(self.last, other.last)
+        num_frames = self.num_frames + other.num_frames
+        num_now = self.frames_in(last.session) + other.frames_in(last.session)
+        if first.session == last.session:  # in some frames both were seen
+            num_frames = num_now = min(num_frames, last.frame - first.frame + 1)
         return ObjectRecord(
             label=self.label,
-            num_frames=self.num_frames + other.num_frames,
-            first=min(self.first, other.first),
+            num_frames=num_frames,
+            first=first,
             last=last,
             pictures=Pictures(earlier),
-            num_now=self.frames_in(last.session) + other.frames_in(last.session),
+            num_now=num_now,
         )
 
 
@@ -87,16 +91,24 @@ class ObjectRecords:
 
     Attributes:
       session: The number of this one; it goes up before the first frame of another.
-      names: Given by people, by id; replaced as a whole, never changed.
+      given: Names, by the object that people gave them to; replaced as a whole, never changed.
       merged_into: What people declared to be another object, and which.
     """
 
     def __init__(self, session: int = 1, records: Mapping[int, ObjectRecord] | None = None) -> None:
         """Starts in a session, the first one without objects if nothing is said."""
         self.session = session
-        self.names: Mapping[int, str] = {}
+        self.given: Mapping[int, str] = {}
         self.merged_into: Mapping[int, int] = {}
         self._records = dict(records or {})
+
+    @property
+    def names(self) -> Mapping[int, str]:
+        """As shown, by id: of what people declared to be one, its own, else the first of others."""
+        shown = {one: name for one, name in self.given.items() if one not in self.merged_into}
+        for one in sorted(self.given.keys() - shown.keys()):
+            shown.setdefault(self.merged_into[one], self.given[one])
+        return shown
 
     def note(self, tracks: Tracks, image: UInt8[np.ndarray, "H W 3"] | None) -> None:
         """Takes the answers about a frame, as announced.
@@ -106,7 +118,7 @@ class ObjectRecords:
           image: RGB; None if there is none to take pictures from.
         """
         now = Sight(self.session, tracks.frame_index)
-        for row in firm_rows(tracks).tolist():
+        for row in firm_rows(self.answer(tracks)).tolist():
             object_id = int(tracks.object_id[row])
             record = self._records.get(object_id)
             if record is None:
@@ -134,7 +146,7 @@ class ObjectRecords:
         """
         seen: dict[int, list[int]] = {}
         for tracks in run:
-            for row in firm_rows(tracks).tolist():
+            for row in firm_rows(self.answer(tracks)).tolist():
                 seen.setdefault(int(tracks.object_id[row]), []).append(tracks.frame_index)
         for object_id in seen.keys() & self._records.keys():
             record, frames = self._records[object_id], seen[object_id]
@@ -149,41 +161,41 @@ class ObjectRecords:
             )
 
     def merge_for_good(self, gone: int, kept: int) -> None:
-        """Takes an object that the tracker found to be another one; this cannot be split again."""
-        record = self._records.pop(gone, None)
-        if record is not None:
-            known = self._records.get(kept)
-            self._records[kept] = record if known is None else known.joined(record)
-        merged = {one: self.merged_into[one] for one in self.merged_into if one != gone}
-        if merged.get(kept) == gone:
-            del merged[kept]
-        kept = merged.get(kept, kept)
-        self.merged_into = {
-            one: kept if target == gone else target for one, target in merged.items()
-        }
-        if gone in self.names:
-            names = dict(self.names)
-            name = names.pop(gone)
-            names.setdefault(kept, name)
-            self.names = names
+        """Takes an object that the tracker found to be another one; this cannot be split again.
+
+        An id that people chose for one of the two is shown on.
+        """
+        old, new = (self.merged_into.get(one, one) for one in (gone, kept))
+        chosen = self.merged_into.values()
+        shown = old if old in chosen and new not in chosen else new
+        merged = {*self.members(old), *self.members(new)} - {shown}
+        if gone != shown:
+            merged.discard(gone)
+            given = dict(self.given)
+            if gone in given:
+                given.setdefault(kept, given.pop(gone))
+            self.given = given
+            if record := self._records.pop(gone, None):
+                known = self._records.get(kept)
+                self._records[kept] = known.joined(record) if known else record
+        elif gone in self._records:
+            self._records.setdefault(kept, self._records[gone])
+        apart = {one: to for one, to in self.merged_into.items() if one not in {*merged, gone}}
+        self.merged_into = {**apart, **dict.fromkeys(merged, shown)}
 
     def answer(self, tracks: Tracks) -> Tracks:
         """The answers by names and by what was declared to be one; no id is given twice for it."""
         if self.merged_into:
             tracks = as_merged(tracks, self.merged_into)
-        return dataclasses.replace(tracks, names=self.names) if self.names else tracks
+        return dataclasses.replace(tracks, names=self.names) if self.given else tracks
 
-    def objects(self, ids: Collection[int] | None = None) -> tuple[RememberedObject, ...]:
-        """What is known of each object, by rising id.
-
-        Args:
-          ids: Of objects that memory still has; all if left out.
-        """
+    def objects(self) -> tuple[RememberedObject, ...]:
+        """What is known of each object, by rising id."""
+        names = self.names
         return tuple(
-            self._tell(object_id)
+            self._tell(object_id, names)
             for object_id in sorted(self._records)
             if object_id not in self.merged_into
-            and (ids is None or any(one in ids for one in self.members(object_id)))
         )
 
     def with_merged(self, ids: Collection[int]) -> set[int]:
@@ -228,13 +240,15 @@ class ObjectRecords:
                 f"{MAX_LABEL} characters"
             )
         name = name.strip()
-        names = {one: given for one, given in self.names.items() if one != object_id}
-        for one, given in names.items():
+        members = self.members(object_id)
+        others = {one: given for one, given in self.given.items() if one not in members}
+        for one, given in others.items():
             if name and given == name:
                 raise SourceError(
-                    f"object {one} is called '{name}' already; give another name, or merge the two"
+                    f"object {self.merged_into.get(one, one)} is called '{name}' already; give "
+                    "another name, or merge the two"
                 )
-        self.names = names | ({object_id: name} if name else {})
+        self.given = others | ({object_id: name} if name else {})
 
     def merge(self, kept: int, gone: Iterable[int]) -> None:
         """Declares objects to be one, which has the id of the first.
@@ -251,11 +265,6 @@ class ObjectRecords:
             )
         moved = {one for object_id in ids for one in self.members(object_id)}
         self.merged_into = {**self.merged_into, **dict.fromkeys(moved, kept)}
-        names = dict(self.names)
-        given = [names.pop(one) for one in ids if one in names]
-        if given:
-            names.setdefault(kept, given[0])
-        self.names = names
 
     def take_in(self, other: ObjectRecords, number_of: Mapping[int, int]) -> None:
         """Adds the objects of other records, whose sessions follow these.
@@ -277,10 +286,10 @@ class ObjectRecords:
             for one, record in other._records.items()
             if one in number_of
         }
-        taken = set(self.names.values())
+        taken = set(self.given.values())
         names = {
             number_of[one]: name
-            for one, name in other.names.items()
+            for one, name in other.given.items()
             if number_of.get(one) in added and name not in taken
         }
         merged = {
@@ -289,7 +298,7 @@ class ObjectRecords:
             if number_of.get(gone) in added and number_of.get(kept) in added
         }
         self._records |= added
-        self.names, self.merged_into = {**self.names, **names}, {**self.merged_into, **merged}
+        self.given, self.merged_into = {**self.given, **names}, {**self.merged_into, **merged}
         self.session += other.session
 
     def unite(self, pairs: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
@@ -335,7 +344,7 @@ class ObjectRecords:
         members = self.members(object_id)
         for one in members:
             self._records.pop(one, None)
-        self.names = {one: name for one, name in self.names.items() if one != object_id}
+        self.given = {one: name for one, name in self.given.items() if one not in members}
         merged = self.merged_into
         self.merged_into = {one: merged[one] for one in merged if one not in members}
         return members
@@ -346,15 +355,17 @@ class ObjectRecords:
         return len(self._records)
 
     def keep(self, ids: Collection[int]) -> None:
-        """Lets the records of other objects go, but for those that people named or merged."""
-        kept = {*ids, *self.names, *self.merged_into, *self.merged_into.values()}
+        """Lets all that is known of other objects go, their names as well."""
+        kept = self.with_merged(ids)
         self._records = {one: record for one, record in self._records.items() if one in kept}
+        self.given = {one: name for one, name in self.given.items() if one in kept}
+        self.merged_into = {one: to for one, to in self.merged_into.items() if one in kept}
 
     def kept(self, ids: Collection[int]) -> Mapping[int, ObjectRecord]:
         """The records that a memory file keeps, for `to_file`; they are replaced, never changed."""
         return {one: self._records[one] for one in sorted(self._records) if one in ids}
 
-    def _tell(self, object_id: int) -> RememberedObject:
+    def _tell(self, object_id: int, names: Mapping[int, str]) -> RememberedObject:
         members = self.members(object_id)
         record = self._records[object_id]
         for one in members[1:]:
@@ -362,7 +373,7 @@ class ObjectRecords:
         return RememberedObject(
             object_id=object_id,
             label=record.label,
-            name=self.names.get(object_id, ""),
+            name=names.get(object_id, ""),
             num_frames=record.num_frames,
             first=record.first,
             last=record.last,

@@ -32,7 +32,7 @@ def test_objects_that_become_one_are_an_event_and_one_record():
     assert [event.message for event in events] == ["object 7 turned out to be object 4"]
     assert answers.object_id.tolist() == [4]
     assert told.merges == [(7, 4)]
-    assert [(one.object_id, one.num_frames) for one in told.records.objects()] == [(4, 3)]
+    assert [(one.object_id, one.num_frames) for one in told.records.objects()] == [(4, 2)]
 
 
 def test_records_agree_with_the_final_answers():
@@ -65,6 +65,14 @@ def test_what_earlier_sessions_counted_stays(tmp_path):
     told.conclude([told.decided])  # of this session, one frame is left in the end
     for one, was in zip(again.objects(), before, strict=True):
         assert (one.num_frames, one.first, one.last) == (was.num_frames - 2, was.first, was.last)
+
+
+def test_an_id_that_people_chose_is_answered_when_the_tracker_finds_the_same():
+    told = Identities(1, 0)
+    told.add(frame_of(0, 4, 7), [], None, never)
+    told.records.merge(7, [4])
+    answers, _ = told.add(frame_of(1, 4), [(7, 4)], None, never)
+    assert answers.object_id.tolist() == [7]
 
 
 def test_what_was_never_announced_becomes_another_in_silence():

@@ -126,7 +126,7 @@ def test_two_objects_of_one_name_are_refused(tracker):
     tracker.rename(0, "mug")  # itself is no other
 
 
-def test_merged_objects_have_one_id_until_they_are_split(tracker):
+def test_merged_objects_have_one_id_until_they_are_split(tracker, tmp_path):
     tracker.rename(2, "spoon")
     tracker.merge(0, 2)
     tracks = look(tracker)
@@ -139,10 +139,13 @@ def test_merged_objects_have_one_id_until_they_are_split(tracker):
         (0, "spoon", (2,)),
         (1, "", ()),
     ]
-    assert known[0].num_frames == 2 * FRAMES + 2
+    assert known[0].num_frames == 2 * FRAMES + 1  # a frame since then counts once
     with pytest.raises(SourceError, match="object 2 was merged into object 0"):
         tracker.rename(2, "fork")
+    tracker.save(tmp_path / "merged")
+    tracker.load(tmp_path / "merged")
     assert tracker.split(0) == (2,)
+    assert [one.name for one in tracker.objects()] == ["", "", "spoon"]
     assert look(tracker).object_id.tolist() == [0, 1, 2]
     with pytest.raises(SourceError, match="nothing was merged into object 0"):
         tracker.split(0)
@@ -197,7 +200,7 @@ def test_what_the_tracker_found_to_be_one_is_one_record():
     records.merge(1, [2])
     records.merge_for_good(1, 0)
     (known,) = records.objects()
-    assert (known.object_id, known.name, known.num_frames, known.merged) == (0, "mug", 5, (2,))
+    assert (known.object_id, known.name, known.num_frames, known.merged) == (1, "mug", 3, (0, 2))
     assert (known.first, known.last) == (Sight(1, 0), Sight(1, 2))
 
 
@@ -206,17 +209,35 @@ def test_what_people_and_tracker_found_alike_stays_one():
     records.note(seen(0, [0, 1]), None)
     records.merge(1, [0])
     records.merge_for_good(1, 0)
-    assert [(one.object_id, one.merged) for one in records.objects()] == [(0, ())]
+    assert [(one.object_id, one.merged) for one in records.objects()] == [(1, (0,))]
+    records.merge_for_good(0, 1)
+    assert [(one.object_id, one.merged) for one in records.objects()] == [(1, ())]
 
 
-def test_what_people_said_of_a_lost_object_is_kept():
+def test_a_frame_of_both_counts_once_after_they_were_seen_apart():
+    records = ObjectRecords()
+    for number, ids in ((0, [0]), (4, [1])):
+        records.note(seen(number, ids), None)
+    records.merge(0, [1])
+    run = [seen(8, [0, 1])]
+    records.note(run[0], None)
+    assert records.objects()[0].num_frames == 3
+    records.session += 1
+    for number in (3, 8):
+        records.note(seen(number, [0, 1]), None)
+    records.recount(run)
+    assert records.objects()[0].num_frames == 4
+
+
+def test_what_is_lost_goes_with_all_that_people_said_of_it():
     records = ObjectRecords()
     records.note(seen(0, [1, 2, 3, 4, 5]), None)
     records.rename(2, "Bob")
     records.merge(3, [4])
     records.keep({1})
-    assert [one.object_id for one in records.objects()] == [1, 2, 3]
-    assert records.split(3) == (4,)
+    assert [one.object_id for one in records.objects()] == [1]
+    records.rename(1, "Bob")
+    assert records.merged_into == {}
 
 
 def test_records_of_what_memory_lost_are_not_written(tracker):
