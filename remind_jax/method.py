@@ -293,8 +293,13 @@ class Method:
         """Ids of all objects in memory, and of those that are coming to be."""
         # On the host: of arrays on a device, a program would be compiled for every column.
         state = jax.device_get(state)
-        coming = () if self.host.coming_ids is None else self.host.coming_ids(state)
-        return {int(one) for one in (*state.objects.id, *coming) if one >= 0}
+        return {int(one) for one in state.objects.id if one >= 0} | self.coming_ids(state)
+
+    def coming_ids(self, state: Any) -> set[int]:
+        """Ids that were answered for what is no object in memory yet; none of None."""
+        if state is None or self.host.coming_ids is None:
+            return set()
+        return {int(one) for one in self.host.coming_ids(state)}
 
     def count_occupied(self, state: Any) -> tuple[Any, Any]:
         """Slots of objects and of pending tracks that are in use."""

@@ -103,6 +103,16 @@ class Identities:
             self._most_told = max(_FEW_TOLD, self._num_told() * 5 // 4)
         return self.records.answer(announced), events
 
+    def tell_lost(self, ids: Collection[int], frame_index: int) -> list[Event]:
+        """Which of the ids that memory let go before they were objects in it had been answered."""
+        told = sorted({self.announcements.id_of(one) for one in ids})
+        why = "forgotten: it was seen too briefly, or is a known one after all"
+        return [
+            Event(frame_index, "forgotten", f"object {one} {why}")
+            for one in told
+            if self.records.has(one)
+        ]
+
     def answer(self, decided: Tracks) -> Tracks:
         """The answers about a frame that was decided, by what is announced, named and merged."""
         return self.records.answer(as_announced(self.announcements, decided))

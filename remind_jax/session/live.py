@@ -338,6 +338,7 @@ class Tracker(Printable):
         frame_feats = self.describe(prepared)
         described = time.perf_counter()
         self.events = []
+        coming = self.method.coming_ids(self.state)
         decisions, outlines = self._memory.step(frame_feats, prepared, self.config.thresholds)
         decided = read_tracks(prepared, outlines, decisions)
         merges = [] if self.method.host.merges is None else self.method.host.merges(self.state)
@@ -345,8 +346,10 @@ class Tracker(Printable):
         tracks, found = self.identities.add(
             decided, merges, pictured, lambda: self._saved().known_ids()
         )
+        kept = {*np.asarray(self.state.objects.id).tolist(), *self.method.coming_ids(self.state)}
+        lost = self.identities.tell_lost(coming - kept, prepared.frame.index)
         omitted = note_omissions(prepared, decisions, self.config.input.ignored_classes)
-        self.events = [*omitted, *found, *self._memory.forget_excess(prepared.frame.index)]
+        self.events = [*omitted, *found, *lost, *self._memory.forget_excess(prepared.frame.index)]
         done = time.perf_counter()
         self.compile_s += waited_s() - waited_before
         self.stage_ms = {

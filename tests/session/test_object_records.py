@@ -170,6 +170,21 @@ def test_what_is_forgotten_is_new_when_seen_again(method):
     assert after[1] not in known
 
 
+def test_what_was_seen_too_briefly_is_told_and_its_name_is_free():
+    tracker = Tracker()
+    tracker.update(*scenes.picture(0))
+    tracker.rename(2, "mug")
+    events = []
+    for index in range(1, FRAMES):
+        tracker.update(*scenes.picture(index, (1, 2)))
+        events += tracker.events
+    assert [one.kind for one in events] == ["forgotten"]
+    assert events[0].message.startswith("object 2 forgotten")
+    tracker.rename(0, "mug")
+    with pytest.raises(SourceError, match="there is no object 2; known: 0, 1"):
+        tracker.rename(2, "spoon")
+
+
 def test_nothing_of_the_looks_of_a_forgotten_object_is_left(tracker):
     objects = tracker.state.objects
     slot = int(np.flatnonzero(np.asarray(objects.id) == 1)[0])
