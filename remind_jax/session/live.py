@@ -146,7 +146,8 @@ class Tracker(Printable):
     @property
     def memory_use(self) -> MemoryUse:
         """How many objects it holds, where they lie, and what that takes."""
-        return self._memory.use()
+        with self._alone("advance"):
+            return self._memory.use()
 
     def objects(self) -> tuple[RememberedObject, ...]:
         """What is known of each object in memory that got an id, by rising id."""

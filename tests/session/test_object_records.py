@@ -319,6 +319,8 @@ def test_a_view_is_judged_less_and_less_often(monkeypatch):
 def test_names_by_two_threads_are_refused(tracker):
     with tracker._alone("advance"), pytest.raises(RemindError, match="two threads at once"):
         tracker.rename(0, "mug")
+    with tracker._alone("advance"), pytest.raises(RemindError, match="two threads at once"):
+        assert tracker.num_objects
 
 
 def test_what_is_one_stays_one_where_memory_lost_the_object_that_it_is_named_after():
