@@ -45,7 +45,8 @@ class Explain:
 
         result = Result.load(self.run)
         if result.trace is None:
-            raise OutputError(f"'{self.run}' holds no trace; run again with --trace")
+            hint = "" if result.complete else "go on with it (--resume) if it was begun so, or "
+            raise OutputError(f"'{self.run}' holds no trace; {hint}run again with --trace")
         if self.detection is None:
             self._list(result)
             return process.FINE

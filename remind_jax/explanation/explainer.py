@@ -54,9 +54,9 @@ class Explainer(abc.ABC, Generic[Record]):
           OutputError: If the run has no such frame or detection, or its trace is damaged.
         """
         tracks = find_frame(self._tracks, frame)
-        if not 0 <= detection < len(tracks):
+        if detection not in range(len(tracks)):
             raise OutputError(
-                f"frame {frame} has no detection {detection}; {_say_detections(len(tracks))}"
+                f"frame {frame} has no detection {detection!r}; {_say_detections(len(tracks))}"
             )
         record = self._archive.frame(frame)
         if record is None or len(record) != len(tracks):
@@ -99,7 +99,7 @@ def find_frame(tracks: Sequence[Tracks], frame: int) -> Tracks:
         if candidate.frame_index == frame:
             return candidate
     known = [candidate.frame_index for candidate in tracks]
-    raise OutputError(f"the run has no frame {frame}; {_say_frames(known)}")
+    raise OutputError(f"the run has no frame {frame!r}; {_say_frames(known)}")
 
 
 def _say_frames(known: list[int]) -> str:

@@ -33,9 +33,12 @@ def host_array(values: Any, what: str) -> np.ndarray:
     except MemoryError:
         raise
     except Exception as error:  # of somebody else's code
-        device = getattr(values[0] if isinstance(values, list | tuple) else values, "device", "")
-        where = f" of device '{device}'" if device else ""
+        items = values if isinstance(values, list | tuple) else [values]
+        device = getattr(items[0], "device", "cpu")
+        where = "" if device == "cpu" else f" of device '{device}'"
+        kinds = [*dict.fromkeys(type(one).__name__ for one in items)]
+        why = f"some are {' and '.join(kinds[:2])}" if len(kinds) > 1 else first_line(error)
         raise SourceError(
-            f"{what}{where} make no array that NumPy can read ({first_line(error)}); give one "
-            "array of numbers on the host, in PyTorch by .cpu()"
+            f"{what}{where} make no array that NumPy can read ({why}); give one array of numbers "
+            "on the host, in PyTorch by .cpu()"
         ) from error

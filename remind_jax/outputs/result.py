@@ -18,6 +18,7 @@ from remind_jax.explanation.archive import TRACE_NAME, TraceArchive
 from remind_jax.explanation.explainer import Explainer, open_archive
 from remind_jax.explanation.explanation import Explanation
 from remind_jax.files import as_path
+from remind_jax.files.limits import MAX_FRAMES
 from remind_jax.frame import SkippedFrame
 from remind_jax.method import get_method
 from remind_jax.outputs import store
@@ -29,6 +30,7 @@ from remind_jax.outputs.presence import (
 )
 from remind_jax.outputs.run_records import Event, KnownObject, MemoryUse, RunInfo
 from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.settings.ranges import check_option
 from remind_jax.tracks import Tracks
 
 if TYPE_CHECKING:
@@ -89,6 +91,7 @@ class Result(Printable):
 
     def objects(self, min_absence_frames: int = MIN_ABSENCE_FRAMES) -> tuple[ObjectHistory, ...]:
         """Every identity by rising id, with the absences of at least `min_absence_frames`."""
+        check_option("min_absence_frames", min_absence_frames, 1, MAX_FRAMES)
         return find_histories(self.tracks, min_absence_frames)
 
     def not_met(self) -> tuple[KnownObject, ...]:

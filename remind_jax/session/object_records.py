@@ -8,6 +8,7 @@ again. Ids are those of the answers, as announced.
 from __future__ import annotations
 
 import dataclasses
+import reprlib
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
@@ -236,8 +237,8 @@ class ObjectRecords:
         object_id = self.check_known(object_id)
         if not isinstance(name, str) or len(name) > MAX_LABEL or on_one_line(name) != name:
             raise SourceError(
-                f"an object cannot be called {str(name)[:40]!r}; give one line of at most "
-                f"{MAX_LABEL} characters"
+                f"an object cannot be called {reprlib.repr(name)}; give one line of text, of at "
+                f"most {MAX_LABEL} characters"
             )
         name = name.strip()
         members = self.members(object_id)

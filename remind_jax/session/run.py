@@ -206,9 +206,11 @@ def _check_outputs(
         if is_given and out is None:
             raise OptionError(f"'{name}' {what}; give out", name)
     if resume and overwrite:
-        raise OptionError("'resume' and 'overwrite' exclude each other; give one", "resume")
+        why = "'resume' and 'overwrite' exclude each other; give one"
+        raise OptionError(why, "resume", "overwrite")
     if resume and record is not None:
-        raise OptionError("'record' would lack the frames before 'resume'; leave it out", "record")
+        why = "'record' would lack the frames before 'resume'; leave it out"
+        raise OptionError(why, "record", "resume")
     recorded = None if record is None else FrameRecord(record, overwrite)
     if out is None:
         return None, recorded

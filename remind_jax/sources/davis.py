@@ -38,8 +38,8 @@ def find_sequence(root: Path, sequence: str | None) -> str:
     if sequence is None:
         if len(found) > 1:
             raise SourceError(
-                f"'{root}' holds {len(found)} sequences; choose one with sequence=, "
-                f"for instance '{found[0]}' (others: {', '.join(found[1:6])})"
+                f"'{root}' holds {len(found)} sequences; choose one by sequence "
+                f"(--sequence), for instance '{found[0]}' (others: {', '.join(found[1:6])})"
             )
         return found[0]
     named = [f for f in found if sequence in (f, PurePosixPath(f).name)]

@@ -63,6 +63,9 @@ def test_what_is_not_there_is_named(command, traced, tmp_path):
     outcome = command("explain", "bare", "--frame", 0, "--detection", 0)
     assert outcome.code == 1
     assert outcome.stderr == "remind: 'bare' holds no trace; run again with --trace\n"
+    (bare / "run.json").unlink()  # as of a run that was killed
+    outcome = command("explain", "bare", "--frame", 0, "--detection", 0)
+    assert "go on with it (--resume)" in outcome.stderr
 
 
 @pytest.mark.parametrize("config", ["default", pytest.param("remind", marks=pytest.mark.heavy)])

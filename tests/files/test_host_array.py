@@ -46,3 +46,5 @@ def test_what_makes_no_array_is_refused():
     ):
         with pytest.raises(SourceError, match=r"^masks"):
             host_array(given, "masks")
+    with pytest.raises(SourceError, match=r"^masks make no .* \(some are ndarray and str\)"):
+        host_array([VALUES, "a"], "masks")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import Outcome
-from remind_jax.errors import OutputError
+from remind_jax.errors import OptionError, OutputError
 from remind_jax.metrics.run_folder import read_tracks
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import RunInfo
@@ -67,6 +67,9 @@ def test_objects_know_absences_and_returns():
     assert first.absences == ((2, 6),)  # the gap of four frames is flicker
     assert first.returns == (7,)
     assert (second.first_frame, second.absences, second.returns) == (13, (), ())
+    for wrong in ("a", -1):
+        with pytest.raises(OptionError, match=r"'min_absence_frames' is .* a whole number from 1"):
+            result.objects(wrong)
 
 
 def test_absences_use_frame_numbers():

@@ -161,8 +161,9 @@ def test_a_shorter_source_without_a_known_length(tmp_path):
     [({"overwrite": True}, "exclude each other"), ({"out": None}, "give out")],
 )
 def test_options_that_do_not_go_together(tmp_path, options, said):
-    with pytest.raises(OptionError, match=said):
+    with pytest.raises(OptionError, match=said) as refused:
         rj.run(PICTURES, resume=True, **{"out": tmp_path / "run", **options})
+    assert refused.value.spelled(lambda name: f"--{name}").count("'") == 0
 
 
 def test_folders_without_a_run_are_refused(tmp_path, whole):

@@ -104,7 +104,7 @@ def test_damaged_annotation_skips_its_frame(tmp_path):
 def test_several_sequences_need_a_choice(tmp_path):
     making.write_davis(tmp_path, "bear")
     making.write_davis(tmp_path, "camel", num=2)
-    with pytest.raises(SourceError, match="holds 2 sequences"):
+    with pytest.raises(SourceError, match=r"holds 2 sequences.*--sequence"):
         open_source(tmp_path)
     with pytest.raises(SourceError, match="did you mean 'camel'"):
         open_source(tmp_path, sequence="camell")

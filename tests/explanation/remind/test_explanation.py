@@ -94,6 +94,8 @@ def test_a_frame_is_listed_to_choose_from(result):
     [
         (20, 0, "the run has no frame 20; it has frames 0 to 19"),
         (-1, 0, "the run has no frame -1; it has frames 0 to 19"),
+        ("3", 0, "the run has no frame '3'; it has frames 0 to 19"),
+        (3, "0", "frame 3 has no detection '0'; it has detections 0 to 1"),
         (3, 2, "frame 3 has no detection 2; it has detections 0 to 1"),
         (3, -1, "frame 3 has no detection -1; it has detections 0 to 1"),
         (UNDECIDED, 1, f"frame {UNDECIDED} has no detection 1; it has detection 0 only"),
