@@ -136,8 +136,11 @@ class Host:
     # Arrays of memory files of earlier schemas, by name: the axis along which each holds several
     # leaves side by side, and their names (`session.earlier_memory`).
     columns: Mapping[str, tuple[int, tuple[str, ...]]] = dataclasses.field(default_factory=dict)
-    # Leaves that these files do not have; they are as in an empty memory.
-    new_leaves: tuple[str, ...] = ()
+    # Leaves that these files do not have: what each is by the others of a file; None: as in an
+    # empty memory.
+    new_leaves: Mapping[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] = (
+        dataclasses.field(default_factory=dict)
+    )
     # `at_rest()` makes what keeps on the host, empty at first, objects that a step has no room for:
     # Left out, capacities for objects double.
     at_rest: Callable[[], AtRest] | None = None

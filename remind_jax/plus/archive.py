@@ -44,9 +44,6 @@ _COPIED = tuple(
 )
 
 
-_ADDED = ("class_lead",)  # earlier files lack it; nothing leads there
-
-
 @dataclasses.dataclass(frozen=True)
 class Resting:
     """An object as it was in the working set."""
@@ -287,11 +284,7 @@ class Archive:
 def _resting_of(tensors: Mapping[str, np.ndarray], blank: Objects) -> dict[int, Resting]:
     """Objects at rest by id, from arrays of a file that may be damaged."""
     num = len(tensors["id"])
-    empty: dict[str, np.ndarray] = {}
-    for name in _ADDED:
-        leaf = getattr(blank, name)
-        empty[name] = np.zeros((num, *leaf.shape[1:]), leaf.dtype)
-    tensors = empty | dict(tensors)
+    tensors = {"class_lead": tensors["seen"]} | dict(tensors)  # earlier files lack it
     for name in (*_COPIED, "bank", "bank_count"):
         leaf, own = getattr(blank, name), tensors[name]
         _require(own.dtype == leaf.dtype, f"'{name}' is of type {own.dtype}")

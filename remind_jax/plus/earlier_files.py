@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from remind_jax.numerics.absent import NO_ID
+
 # Name of the array: the axis that its columns lie along, and the leaf that each of them is now.
 COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
     name: (axis, tuple(f"{record}.{leaf}" for leaf in leaves.split()))
@@ -31,22 +37,25 @@ COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
     )
 }
 
-NEW_LEAVES = (
-    "ticks",
-    "phase",
-    "objects.class_lead",
-    "objects.visits",
-    "tracklets.class_lead",
-    "tracklets.course",
-    "tracklets.duration",
-    "tracklets.last_class",
-    "tracklets.met",
-    "tracklets.met_id",
-    "tracklets.pace",
-    "tracklets.trust",
-    "tracklets.unseen",
-    "scene.links",
-    "scene.names",
-    "scene.newness",
-    "scene.newness_known",
-)
+# Leaves that came later, and what they were then by the others; None: as in an empty memory.
+NEW_LEAVES: dict[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] = {
+    "ticks": None,
+    "phase": None,
+    "objects.class_lead": lambda file: file["objects.seen"],
+    "objects.visits": lambda file: file["objects.id"] != NO_ID,
+    "tracklets.class_lead": lambda file: file["tracklets.age"],
+    "tracklets.course": lambda file: file["tracklets.box"].reshape(-1, 2, 2).mean(axis=1),
+    "tracklets.duration": lambda file: file["tracklets.age"],
+    "tracklets.last_class": lambda file: file["tracklets.class_id"],
+    "tracklets.met": None,
+    "tracklets.met_id": None,
+    "tracklets.pace": lambda file: file["tracklets.drift"],
+    "tracklets.trust": None,
+    "tracklets.unseen": lambda file: (
+        file["tracklets.alive"] * (file["frame"] - 1 - file["tracklets.last"])
+    ),
+    "scene.links": None,
+    "scene.names": None,
+    "scene.newness": None,
+    "scene.newness_known": None,
+}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -26,7 +27,7 @@ def as_now(
 ) -> dict[str, np.ndarray]:
     """The tensors of a file by the names of the leaves of a memory.
 
-    Leaves that there were not yet are as in an empty memory.
+    Leaves that there were not yet are what the others say, else as in an empty memory.
 
     Args:
       leaves: Shapes and types of all leaves.
@@ -41,7 +42,11 @@ def as_now(
         found |= {f"decisions.{name}": np.asarray(leaf) for name, leaf in blank}
     if missing := [name for name in method.host.new_leaves if name not in found]:
         empty = dict(named_leaves(method.make_empty(static)))
-        found |= {name: empty[name] for name in missing}
+        for name in missing:
+            make = method.host.new_leaves[name]
+            with contextlib.suppress(KeyError, ValueError):  # what lacks is found later
+                leaf = empty[name] if make is None else make(found)
+                found[name] = np.array(leaf, empty[name].dtype)
     return found
 
 

@@ -11,8 +11,11 @@ from safetensors.numpy import load_file, save_file
 from remind_jax.errors import OutputError
 from remind_jax.files.tensors import read_safetensors_header
 from remind_jax.method import get_method, named_leaves
+from remind_jax.plus.earlier_files import NEW_LEAVES
 from remind_jax.session.earlier_memory import EARLIER_VERSIONS, WITH_OTHER_DECISIONS, split_columns
+from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
+from tests.cli import scenes
 
 NAMES = ("plus", "remind")
 
@@ -61,6 +64,26 @@ def test_a_file_that_lacks_a_column_is_refused(tmp_path):
     write_earlier(path, "plus", "7", lacking="tracklets.wholes")
     with pytest.raises(OutputError, match=r"'tracklets.id' is missing"):
         load_memory(path)
+
+
+def test_leaves_of_what_lives_follow_from_those_that_there_were(tmp_path):
+    tracker = Tracker()
+    for index in range(3):
+        tracker.update(*scenes.picture(index, (1, 2) if index == 2 else (1, 2, 3)))
+    path = tmp_path / "memory.safetensors"
+    tracker.save(path)
+    metadata = dict(read_safetensors_header(path, refused=OutputError).metadata)
+    del metadata["sha256"]
+    tensors = {name: one for name, one in load_file(path).items() if name not in NEW_LEAVES}
+    save_file(tensors, path, metadata=metadata)
+    found, expected = (dict(named_leaves(one)) for one in (load_memory(path).state, tracker.state))
+    expected["tracklets.pace"] = expected["tracklets.drift"]  # averages of the same steps
+    alive = expected["tracklets.alive"]
+    assert alive.sum() == 3
+    for name in NEW_LEAVES:
+        if name.startswith("tracklets."):
+            of_file, of_run = (np.asarray(leaves[name])[alive] for leaves in (found, expected))
+            np.testing.assert_allclose(of_file, of_run, atol=1e-4, err_msg=name)
 
 
 def write_earlier(path, name, version, lacking=""):
