@@ -174,10 +174,13 @@ class Archive:
         white = whitener.whiten(objects.bank[woken])
         objects.white_bank[woken] = np.where(kept[..., None], white, 0.0)
         slot_of = {int(one): slot for slot, one in enumerate(objects.id) if one != NO_ID}
-        for slot in woken:
-            partners = self.partners(int(objects.id[slot]))
-            others = np.array([slot_of.get(one, NO_SLOT) for one in partners["id"].tolist()], int)
-            _relate(pairs, slot, others[others != NO_SLOT], partners[others != NO_SLOT])
+        # Of two that meet again, only the one that rested first may know of the other.
+        known = {slot: self.partners(one) for one, slot in slot_of.items()}
+        partners = np.concatenate([*known.values()])
+        slots = np.repeat([*known], [len(one) for one in known.values()])
+        others = np.array([slot_of.get(one, NO_SLOT) for one in partners["id"].tolist()], int)
+        meet = (others != NO_SLOT) & (np.isin(slots, woken) | np.isin(others, woken))
+        _relate(pairs, slots[meet], others[meet], partners[meet])
         return dataclasses.replace(state, objects=objects, pairs=pairs)
 
     def forget(self, ids: Collection[int]) -> None:
@@ -350,12 +353,18 @@ def _copied(objects: Objects, slot: int) -> Resting:
     )
 
 
-def _relate(pairs: Pairs, slot: int, others: Int[np.ndarray, "P"], partners: np.ndarray) -> None:
-    """Writes what is known of an object and others, from either side."""
+def _relate(
+    pairs: Pairs, slots: Int[np.ndarray, "P"], others: Int[np.ndarray, "P"], partners: np.ndarray
+) -> None:
+    """Writes what is known of objects and others, from either side: what more frames tell."""
+    order = np.argsort(-partners["covisible"], kind="stable")
+    both = np.sort([slots[order], others[order]], axis=0)
+    best = order[np.unique(both, axis=1, return_index=True)[1]]
+    slots, others, partners = slots[best], others[best], partners[best]
     for name, sign in (("covisible", 1), ("spread", 1), ("relation", -1), ("log_ratio", -1)):
         leaf = getattr(pairs, name)
-        leaf[slot, others] = partners[name]
-        leaf[others, slot] = sign * partners[name]
+        leaf[slots, others] = partners[name]
+        leaf[others, slots] = sign * partners[name]
 
 
 def _cleared(state: PlusState, empty: PlusState, slots: Int[np.ndarray, "R"]) -> PlusState:

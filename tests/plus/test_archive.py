@@ -104,10 +104,24 @@ def test_relations_outlast_a_rest_of_either_object():
     state = remembered(6)
     archive = Archive()
     state_without = archive.rest(archive.rest(state, EMPTY, [0]), EMPTY, [1])
-    first = archive.wake(state_without, [3], CENTER)
-    both = archive.wake(first, [0], CENTER)
-    for name, leaf in by_id(both).items():
-        np.testing.assert_array_equal(leaf, by_id(state)[name], name)
+    tensors = archive.tensors()
+    for order in ((3, 0), (0, 3)):
+        archive = Archive.restored([tensors], state_without, 3)
+        both = state_without
+        for one in order:
+            both = archive.wake(both, [one], CENTER)
+        for name, leaf in by_id(both).items():
+            np.testing.assert_array_equal(leaf, by_id(state)[name], name)
+        # What both learned of each other since then is what both know after another rest.
+        slots = [both.objects.id.tolist().index(one) for one in order]
+        for at, sign in ((slots, 1), (slots[::-1], -1)):
+            both.pairs.covisible[*at] += 9
+            both.pairs.relation[*at] = sign
+        later = both
+        for slot in slots:
+            later = archive.rest(later, EMPTY, [slot])
+        for name, leaf in by_id(archive.wake(later, order, CENTER)).items():
+            np.testing.assert_array_equal(leaf, by_id(both)[name], name)
 
 
 def test_what_an_open_tracklet_is_answered_as_does_not_rest():
