@@ -109,9 +109,10 @@ def absorb(
 
     def hand_over() -> Float[Array, "O O"]:
         # The diagonal counts sights of one object and is no pair.
-        handed = gains[:, None] & ~jnp.eye(num_o, dtype=bool)
-        added = jnp.where(handed, pairs.covisible[giver], 0.0)
-        return pairs.covisible + added + added.T
+        is_pair = ~jnp.eye(num_o, dtype=bool)
+        added = jnp.where(gains[:, None] & is_pair, pairs.covisible[giver], 0.0)
+        of_two_gone = jnp.where(gains & is_pair, added[:, giver], 0.0)
+        return pairs.covisible + added + added.T + of_two_gone
 
     covisible = branch(jnp.any(absorbed), hand_over, lambda: pairs.covisible)
     objects = dataclasses.replace(

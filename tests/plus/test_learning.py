@@ -137,6 +137,17 @@ def test_an_absorbed_object_hands_over_its_counts_and_frees_its_slot():
     assert left.covisible[0, 1] == left.covisible[1, 0]
 
 
+def test_two_that_are_absorbed_at_once_were_seen_beside_each_other():
+    objects, pairs = related_pairs()
+    rng = np.random.default_rng(0)
+    counts = np.triu(rng.integers(1, 9, (4, 4)), 1).astype(np.float32)
+    pairs = dataclasses.replace(pairs, covisible=jnp.asarray(counts + counts.T))
+    both = jnp.array([True, True, False])
+    _, left = absorb(objects, pairs, jnp.array([2, 3, 0]), jnp.array([0, 1, NO_SLOT]), both)
+    assert left.covisible[0, 1] == left.covisible[1, 0]
+    assert left.covisible[0, 1] == counts[0, 1] + counts[0, 3] + counts[1, 2] + counts[2, 3]
+
+
 @pytest.mark.parametrize("slot", range(3))
 def test_what_was_known_of_an_object_that_is_gone_is_forgotten_from_both_sides(slot):
     objects, pairs = related_pairs()
