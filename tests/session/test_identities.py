@@ -69,10 +69,11 @@ def test_what_earlier_sessions_counted_stays(tmp_path):
 
 def test_an_id_that_people_chose_is_answered_when_the_tracker_finds_the_same():
     told = Identities(1, 0)
-    told.add(frame_of(0, 4, 7), [], None, never)
+    told.add(frame_of(0, 4, 7, 9), [], None, never)
     told.records.merge(7, [4])
-    answers, _ = told.add(frame_of(1, 4), [(7, 4)], None, never)
-    assert answers.object_id.tolist() == [7]
+    for number, kept, merges in ((1, 4, [(7, 4)]), (2, 4, []), (3, 9, [(4, 9)]), (4, 9, [])):
+        answers, _ = told.add(frame_of(number, kept), merges, None, never)
+        assert answers.object_id.tolist() == [7]
 
 
 def test_what_was_never_announced_becomes_another_in_silence():
