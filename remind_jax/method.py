@@ -117,8 +117,8 @@ class Host:
     occupied: Callable[[Any], tuple[Any, Any]] | None = None
     # "module:class" of the `explanation.explainer.Explainer` of its traces, imported when needed.
     explainer_name: str | None = None
-    # Objects that turned out to be others in the last frame: `merges(state)` gives pairs of ids,
-    # the one that is gone and the one that it is.
+    # What turned out to be another object: `merges(state)` gives pairs of ids, the one that is gone
+    # and the one that it is; those that were told before, or never answered, may be among them.
     merges: Callable[[Any], list[tuple[int, int]]] | None = None
     # `delayed(delay)` makes what revises answers that wait: an object with `evidence(state)`, what
     # it needs of a memory as `json` can write it,

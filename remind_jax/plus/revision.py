@@ -30,9 +30,14 @@ class _Latest(NamedTuple):
 
 
 def find_merges(state: Any) -> list[tuple[int, int]]:
-    """Objects that turned out to be known ones in the last frame, and which."""
+    """What was or would have been an object of its own and is a known one, and which.
+
+    Detections come first among the tracklets.
+    """
     answers: Answers = state.answers
-    gone, kept = np.asarray(answers.merged_id), np.asarray(answers.answer_id)
+    own, kept = np.asarray(answers.tracklet_id), np.asarray(answers.answer_id)
+    is_known = (kept != own) & ~np.asarray(state.tracklets.is_open)[: len(own)]
+    gone = np.where(is_known, own, np.asarray(answers.merged_id))
     return [(int(gone[row]), int(kept[row])) for row in np.flatnonzero(gone != NO_ID)]
 
 

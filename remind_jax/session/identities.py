@@ -76,7 +76,7 @@ class Identities:
 
         Args:
           decided: By ids of the memory.
-          merges: Objects that turned out to be others in this frame, beside those.
+          merges: Ids of what turned out to be other objects, answered or not, beside those.
           image: RGB; None if no pictures of objects are to be kept.
           known_ids: Gives the ids that the memory still has; called only now and then.
         """
@@ -84,10 +84,15 @@ class Identities:
         if self._is_new_session:
             self.records.session += 1
             self._is_new_session = False
-        self.decided, self.merges = decided, list(merges)
-        self.announcements = announce(self.announcements, decided, self.announce_after, merges)
+        self.decided = decided
+        self.merges = [
+            (gone, kept)
+            for gone, kept in merges
+            if gone in before.counts or self.records.has(before.id_of(gone))
+        ]
+        self.announcements = announce(self.announcements, decided, self.announce_after, self.merges)
         events = []
-        for gone, kept in merges:
+        for gone, kept in self.merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
             if NO_ID not in (old, new) and old != new:
                 self.records.merge_for_good(old, new)
@@ -106,9 +111,8 @@ class Identities:
     def tell_lost(self, ids: Collection[int], frame_index: int) -> list[Event]:
         """Which of the ids that memory let go before they were objects in it had been answered."""
         told = sorted({self.announcements.id_of(one) for one in ids})
-        why = "forgotten: it was seen too briefly, or is a known one after all"
         return [
-            Event(frame_index, "forgotten", f"object {one} {why}")
+            Event(frame_index, "forgotten", f"object {one} forgotten: it was seen too briefly")
             for one in told
             if self.records.has(one)
         ]

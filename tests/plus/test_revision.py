@@ -22,14 +22,15 @@ def answers(index: int, ids, outcomes) -> Tracks:
     return make_tracks(index, np.ones((len(ids), 4, 4), bool), rows)
 
 
-def state(tracklets, merged=None, answer=None):
+def state(tracklets, merged=None, answer=None, is_open=True):
     num = len(tracklets)
     answers = types.SimpleNamespace(
         tracklet_id=np.array(tracklets),
         merged_id=np.full(num, NO_ID) if merged is None else np.array(merged),
         answer_id=np.full(num, NO_ID) if answer is None else np.array(answer),
     )
-    return types.SimpleNamespace(answers=answers)
+    those = types.SimpleNamespace(is_open=np.full(num + 1, is_open))
+    return types.SimpleNamespace(answers=answers, tracklets=those)
 
 
 def run(delay, frames):
@@ -69,6 +70,12 @@ def test_a_new_object_that_turned_out_to_be_known_is_that_one_from_the_start():
     assert [tracks.object_id.tolist() for tracks in run(1, frames)] == [[3], [3]]
     assert find_merges(frames[1][1]) == [(7, 3)]
     assert find_merges(frames[0][1]) == []
+
+
+def test_what_was_to_be_new_turns_out_to_be_known_once_it_is_decided():
+    as_known = {"tracklets": [7, 4], "answer": [3, 4]}
+    assert find_merges(state(**as_known)) == []
+    assert find_merges(state(**as_known, is_open=False)) == [(7, 3)]
 
 
 def test_an_answer_that_stays_is_as_sure_as_it_is_by_then():

@@ -35,6 +35,16 @@ def test_objects_that_become_one_are_an_event_and_one_record():
     assert [(one.object_id, one.num_frames) for one in told.records.objects()] == [(4, 2)]
 
 
+def test_what_is_known_after_all_is_told_once_and_only_if_it_was_answered():
+    told = Identities(1, 0)
+    told.add(frame_of(0, 4, 7), [], None, never)
+    for _ in range(2):
+        _, events = told.add(frame_of(1, 4), [(7, 4), (9, 4)], None, never)
+    assert events == []
+    assert told.records.has(4)
+    assert not told.records.has(7)
+
+
 def test_records_agree_with_the_final_answers():
     """Object 4 gets its id in its second frame; of frame 2 it is known only later that it is 4."""
     told = Identities(2, 0)
