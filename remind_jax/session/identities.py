@@ -111,8 +111,9 @@ class Identities:
     def tell_lost(self, ids: Collection[int], frame_index: int) -> list[Event]:
         """Which of the ids that memory let go before they were objects in it had been answered."""
         told = sorted({self.announcements.id_of(one) for one in ids})
+        why = "forgotten: it was gone before it was decided"
         return [
-            Event(frame_index, "forgotten", f"object {one} forgotten: it was seen too briefly")
+            Event(frame_index, "forgotten", f"object {one} {why}")
             for one in told
             if self.records.has(one)
         ]
