@@ -118,7 +118,7 @@ class Host:
     # "module:class" of the `explanation.explainer.Explainer` of its traces, imported when needed.
     explainer_name: str | None = None
     # What turned out to be another object: `merges(state)` gives pairs of ids, the one that is gone
-    # and the one that it is; those that were told before, or never answered, may be among them.
+    # and the one that it is; those of earlier frames, or never answered, may be among them.
     merges: Callable[[Any], list[tuple[int, int]]] | None = None
     # `delayed(delay)` makes what revises answers that wait: an object with `evidence(state)`, what
     # it needs of a memory as `json` can write it,
@@ -293,10 +293,12 @@ class Method:
         return self.host.remove(state, empty, np.array(list(object_ids), int))
 
     def known_ids(self, state: Any) -> set[int]:
-        """Ids of all objects in memory, and of those that are coming to be."""
-        # On the host: of arrays on a device, a program would be compiled for every column.
-        state = jax.device_get(state)
-        return {int(one) for one in state.objects.id if one >= 0} | self.coming_ids(state)
+        """Ids of all objects in memory, and of those that are coming to be; none of None."""
+        if state is None:
+            return set()
+        # On the host: of an array on a device, programs would be compiled.
+        ids = np.asarray(state.objects.id)
+        return {*ids[ids >= 0].tolist(), *self.coming_ids(state)}
 
     def coming_ids(self, state: Any) -> set[int]:
         """Ids that were answered for what is no object in memory yet; none of None."""

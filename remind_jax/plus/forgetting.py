@@ -15,8 +15,10 @@ from remind_jax.plus.whitening import sum_up
 
 def coming_ids(state: PlusState) -> Int[np.ndarray, "open"]:
     """What the tracklets that are not decided would be called as new objects."""
-    ids = np.asarray(state.tracklets.id)[np.asarray(state.tracklets.is_open)]
-    return ids[ids != NO_ID]
+    tracklets = state.tracklets
+    # On the host first: of arrays on a device, a program would be compiled.
+    ids, alive, slot = jax.device_get((tracklets.id, tracklets.alive, tracklets.slot))
+    return ids[alive & (slot == NO_SLOT) & (ids != NO_ID)]
 
 
 def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids"]) -> PlusState:

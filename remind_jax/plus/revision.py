@@ -16,6 +16,7 @@ from jaxtyping import Int
 
 from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.plus.forgetting import coming_ids
 from remind_jax.plus.state import Answers
 from remind_jax.tracks import Tracks
 
@@ -30,13 +31,10 @@ class _Latest(NamedTuple):
 
 
 def find_merges(state: Any) -> list[tuple[int, int]]:
-    """What was or would have been an object of its own and is a known one, and which.
-
-    Detections come first among the tracklets.
-    """
+    """What was or would have been an object of its own and is a known one, and which."""
     answers: Answers = state.answers
     own, kept = np.asarray(answers.tracklet_id), np.asarray(answers.answer_id)
-    is_known = (kept != own) & ~np.asarray(state.tracklets.is_open)[: len(own)]
+    is_known = (kept != own) & ~np.isin(own, coming_ids(state))
     gone = np.where(is_known, own, np.asarray(answers.merged_id))
     return [(int(gone[row]), int(kept[row])) for row in np.flatnonzero(gone != NO_ID)]
 

@@ -339,16 +339,17 @@ class Tracker(Printable):
         frame_feats = self.describe(prepared)
         described = time.perf_counter()
         self.events = []
-        coming = self.method.coming_ids(self.state)
+        known, coming = self.method.known_ids(self.state), self.method.coming_ids(self.state)
         decisions, outlines = self._memory.step(frame_feats, prepared, self.config.thresholds)
         decided = read_tracks(prepared, outlines, decisions)
         merges = [] if self.method.host.merges is None else self.method.host.merges(self.state)
+        merges = [(gone, kept) for gone, kept in merges if gone in known]
         pictured = prepared.frame.image if self.config.input.keep_pictures else None
         tracks, found = self.identities.add(
             decided, merges, pictured, lambda: self._saved().known_ids()
         )
-        kept = {*np.asarray(self.state.objects.id).tolist(), *self.method.coming_ids(self.state)}
-        lost = self.identities.tell_lost(coming - kept, prepared.frame.index)
+        coming -= {*self.method.known_ids(self.state), *(gone for gone, _ in merges)}
+        lost = self.identities.tell_lost(coming, prepared.frame.index)
         omitted = note_omissions(prepared, decisions, self.config.input.ignored_classes)
         self.events = [*omitted, *found, *lost, *self._memory.forget_excess(prepared.frame.index)]
         done = time.perf_counter()

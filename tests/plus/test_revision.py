@@ -29,7 +29,9 @@ def state(tracklets, merged=None, answer=None, is_open=True):
         merged_id=np.full(num, NO_ID) if merged is None else np.array(merged),
         answer_id=np.full(num, NO_ID) if answer is None else np.array(answer),
     )
-    those = types.SimpleNamespace(is_open=np.full(num + 1, is_open))
+    those = types.SimpleNamespace(
+        id=np.array(tracklets), alive=np.ones(num, bool), slot=np.full(num, -1 if is_open else 0)
+    )
     return types.SimpleNamespace(answers=answers, tracklets=those)
 
 

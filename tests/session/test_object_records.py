@@ -1,5 +1,6 @@
 """Records of objects: what is noted, said by people, written and read back."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -168,6 +169,17 @@ def test_what_is_forgotten_is_new_when_seen_again(method):
         after = tracker.update(*scenes.picture(index)).object_id.tolist()
     assert (after[0], after[2]) == (known[0], known[2])
     assert after[1] not in known
+
+
+def test_what_turned_out_in_an_earlier_frame_is_not_told_again():
+    """Its record is still there if people chose its id for another object."""
+    tracker = Tracker()
+    merges = dataclasses.replace(tracker.method.host, merges=lambda _: [(99, 0)])
+    tracker.method = dataclasses.replace(tracker.method, host=merges)
+    for index in range(3):
+        tracker.update(*scenes.picture(index))
+        assert tracker.events == []
+        tracker.identities.records.note(seen(index, [99]), None)
 
 
 def test_what_was_seen_too_briefly_is_told_and_its_name_is_free():
