@@ -83,6 +83,7 @@ def example_input(method: Method) -> tuple[AnyFeats, Any, Any]:
         feats = CloseupFeats(
             np.zeros((*shape, STATIC.feature_dim), np.float32),
             np.zeros(shape, np.float32),
+            np.zeros(STATIC.feature_dim, bool),
             feats.frame_size,
         )
     gaps = {"exact_gap_max": None} if method.needs.gap_options is None else {}

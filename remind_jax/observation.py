@@ -54,6 +54,7 @@ class CloseupFeats:
 
     patches: Float[AnyArray, "N V V D"]  # raw patch features, not normalized
     coverage: Float[AnyArray, "N V V"]  # share of each patch inside the mask, [0, 1]
+    is_around: Bool[AnyArray, "D"]  # channels of what lies around a detection
     frame_size: Int[AnyArray, "2"]  # height and width in pixels
 
 
@@ -100,6 +101,13 @@ def without_coverage(masks: Masks) -> Masks:
 def coverage_of(frame_feats: AnyFeats, masks: Masks) -> Float[AnyArray, "N Hp Wp"]:
     """Share of each patch that features tell of inside each mask, [0, 1]."""
     return frame_feats.coverage if isinstance(frame_feats, CloseupFeats) else masks.coverage
+
+
+def channels_around(frame_feats: AnyFeats) -> Bool[AnyArray, "D"]:
+    """Channels that tell of what lies around a patch's detection and not of the patch."""
+    if isinstance(frame_feats, CloseupFeats):
+        return frame_feats.is_around
+    return np.zeros(frame_feats.patches.shape[-1], bool)
 
 
 @jax.tree_util.register_dataclass

@@ -12,6 +12,9 @@ histograms of five quantities, taken at half resolution. Light is divided out wh
 Hue and saturation enter at the scale of the patch, and everything at the scale of the 3x3 patches
 around it. Nothing depends on the frame as a whole: a patch looks the same wherever it is seen.
 
+In closeups it is known which patches an object covers: there the windows that describe it weigh
+patches by that, and others, of all patches alike, say what lies around it.
+
 Square roots of histograms make inner products into Hellinger affinities. The square root of a
 typical histogram, a few simple laws written down below and no average over any recording, is
 subtracted in part: what all objects share would otherwise lift every cosine towards one.
@@ -26,6 +29,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -50,6 +54,7 @@ from remind_jax.backbone.cell_histograms import (
 )
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
 from remind_jax.compiled.programs import KeptFunction
+from remind_jax.numerics.pooling import to_unit
 
 PATCH_PX = 2 * CELL_PX  # cells lie on the image at half resolution
 
@@ -71,7 +76,7 @@ CENTERING = 0.8
 
 # Rows and columns of patches whose histograms are made together on a CPU, if one of them is wanted:
 # few enough to stay in its cache.
-TILE = (3, 8)
+TILE = (3, 9)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,21 +84,26 @@ class Block:
     """One histogram within the feature vector."""
 
     quantity: str  # key of `bins_of` and of `typical_histograms`
-    window_radius: int  # cells; 0: the patch alone
+    window_radius: int  # cells, 0 or 1; 0: the patch alone
     weight: float
     # Length of the mean square-root histogram over patches of random scenes (overlapping colored
     # ellipses with grain): below one, as a patch fills few of the bins.
     common_length: float
 
 
-BLOCKS = (
-    Block("hue_saturation", 0, weight=1.4, common_length=0.4),
-    Block("hue_saturation", 1, weight=1.4, common_length=0.5),
-    Block("surround_chroma", 1, weight=1.1, common_length=0.9),
-    Block("texture", 1, weight=2.0, common_length=0.9),
-    Block("luminance", 1, weight=1.0, common_length=0.8),
-    Block("chroma_gradient", 1, weight=0.8, common_length=0.9),
-)
+HUE = Block("hue_saturation", 0, weight=1.4, common_length=0.4)
+HUE_NEAR = Block("hue_saturation", 1, weight=1.4, common_length=0.5)
+SURROUND = Block("surround_chroma", 1, weight=1.1, common_length=0.9)
+TEXTURE = Block("texture", 1, weight=2.0, common_length=0.9)
+LUMINANCE = Block("luminance", 1, weight=1.0, common_length=0.8)
+GRADIENT = Block("chroma_gradient", 1, weight=0.8, common_length=0.9)
+
+BLOCKS = (HUE, HUE_NEAR, SURROUND, TEXTURE, LUMINANCE, GRADIENT)
+# In closeups.
+OF_OBJECT = (HUE, SURROUND, TEXTURE, LUMINANCE, GRADIENT)
+OF_SURROUNDINGS = (HUE_NEAR, TEXTURE, LUMINANCE)
+AROUND_WEIGHT = 0.7  # length of what lies around, beside that of the object
+OUTSIDE_WEIGHT = 0.02  # of a patch that the object does not touch, beside one that it covers
 
 
 @jax.tree_util.register_dataclass
@@ -111,21 +121,29 @@ class PixelPlanes:
 @functools.cache
 def patch_statistics() -> Backbone:
     """Makes the weight-free backbone."""
-    device = jax.default_backend()
-    tile = TILE if device == "cpu" else None
-    one = functools.partial(describe_patches, tile=tile)
+    tile = TILE if jax.default_backend() == "cpu" else None
 
-    def describe(images: Any, wanted: Any) -> Any:
-        return jax.lax.map(lambda pair: one(*pair), (images, wanted))
+    def kept(name: str, one: Callable[..., Any]) -> KeptFunction:
+        def describe(*arguments: Any) -> Any:
+            return jax.lax.map(lambda each: one(*each, tile=tile), arguments)
 
-    apply_to = KeptFunction(DEFAULT_BACKBONE, describe, (CENTERING, tile))
+        return KeptFunction(name, describe, (CENTERING, tile))
+
+    apply_to = kept(DEFAULT_BACKBONE, describe_patches)
 
     def apply(images: Any) -> Any:
         num, height, width = images.shape[:3]
         return apply_to(images, np.ones((num, height // PATCH_PX, width // PATCH_PX), bool))
 
-    dim = sum(len(histogram) for _, histogram in _typical_blocks())
-    return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, apply, apply_to=apply_to, is_local=True)
+    return Backbone(
+        DEFAULT_BACKBONE,
+        PATCH_PX,
+        _num_features(BLOCKS),
+        apply,
+        apply_to=apply_to,
+        apply_closeups=kept(f"{DEFAULT_BACKBONE}-closeups", describe_closeup),
+        num_around=_num_features(OF_SURROUNDINGS),
+    )
 
 
 def describe_patches(
@@ -139,16 +157,60 @@ def describe_patches(
     Args:
       wanted: Patches to describe; what else is wanted changes none of them. Others are zero.
     """
-    # A patch needs the histograms of its neighbors.
-    needed = jax.lax.reduce_window(wanted, False, jax.lax.bitwise_or, (3, 3), (1, 1), "SAME")
-    histograms = measure_cells(image, needed, tile)
-    near = {radius: window_mean(histograms, radius) for radius in {b.window_radius for b in BLOCKS}}
-    blocks = []
-    for block, typical in _typical_blocks():
-        pooled = near[block.window_radius][bins_of()[block.quantity]]
-        common = np.float32(CENTERING * block.common_length) * np.sqrt(typical)
-        blocks.append(block.weight * (jnp.sqrt(pooled) - common[:, None, None]))
-    return jnp.moveaxis(jnp.where(wanted, jnp.concatenate(blocks), 0.0), 0, -1)
+    histograms = measure_cells(image, _with_neighbors(wanted), tile)
+    features = _side_by_side(BLOCKS, histograms, window_mean(histograms, 1))
+    return jnp.where(wanted[..., None], features, 0.0)
+
+
+def describe_closeup(
+    image: UInt8[Array, "S S 3"],
+    wanted: Bool[Array, "V V"],
+    coverage: Float[Array, "V V"],
+    *,
+    tile: tuple[int, int] | None,
+) -> Float[Array, "V V D"]:
+    """Features of patches of one closeup: those of its object first, then those of what is around.
+
+    Args:
+      wanted: As for `describe_patches`.
+      coverage: Share of each patch that the object covers, [0, 1].
+    """
+    histograms = measure_cells(image, _with_neighbors(wanted), tile)
+    weight = coverage + OUTSIDE_WEIGHT
+    of_object = window_mean(histograms * weight, 1) / window_mean(weight, 1)
+    features = jnp.concatenate(
+        [
+            to_unit(_side_by_side(OF_OBJECT, histograms, of_object)),
+            AROUND_WEIGHT
+            * to_unit(_side_by_side(OF_SURROUNDINGS, histograms, window_mean(histograms, 1))),
+        ],
+        axis=-1,
+    )
+    return jnp.where(wanted[..., None], features, 0.0)
+
+
+def _with_neighbors(wanted: Bool[Array, "Hp Wp"]) -> Bool[Array, "Hp Wp"]:
+    """Patches whose histograms are needed: a patch needs those of its neighbors."""
+    return jax.lax.reduce_window(wanted, False, jax.lax.bitwise_or, (3, 3), (1, 1), "SAME")
+
+
+def _side_by_side(
+    blocks: Sequence[Block],
+    histograms: Float[Array, "K Hp Wp"],
+    near: Float[Array, "K Hp Wp"],
+) -> Float[Array, "Hp Wp D"]:
+    """Square roots of histograms of patches, or of their windows (`near`), less what is typical."""
+    roots = []
+    for block in blocks:
+        pooled = (near if block.window_radius else histograms)[bins_of()[block.quantity]]
+        typical = np.sqrt(typical_histograms()[block.quantity])
+        common = np.float32(CENTERING * block.common_length) * typical
+        roots.append(block.weight * (jnp.sqrt(pooled) - common[:, None, None]))
+    return jnp.moveaxis(jnp.concatenate(roots), 0, -1)
+
+
+def _num_features(blocks: Sequence[Block]) -> int:
+    return sum(len(typical_histograms()[block.quantity]) for block in blocks)
 
 
 def measure_cells(
@@ -265,7 +327,3 @@ def typical_histograms() -> dict[str, Float[np.ndarray, "K"]]:
         "chroma_gradient": np.exp(-0.5 * ((gradients - np.log(0.03)) / 0.8) ** 2),
     }
     return {name: (count / count.sum()).astype(np.float32) for name, count in counts.items()}
-
-
-def _typical_blocks() -> list[tuple[Block, Float[np.ndarray, "K"]]]:
-    return [(block, typical_histograms()[block.quantity]) for block in BLOCKS]

@@ -45,9 +45,11 @@ class Backbone:
     # From images and wanted patches `[B, Hp, Wp]`, bool, to the same features of these, and zeros
     # for all others; left out, all patches are always described.
     apply_to: Callable[[Any, Any], Any] | None = None
-    # Whether patches are described by what is near them alone, and in little time: pictures of
-    # single detections are worth it then.
-    is_local: bool = False
+    # From pictures of single detections, wanted patches, and the share of each that the detection
+    # covers, `[B, Hp, Wp]`, to features of what it looks like, and beside these, in the last
+    # `num_around` channels, of what lies around it. Left out, such pictures are read as frames are.
+    apply_closeups: Callable[[Any, Any, Any], Any] | None = None
+    num_around: int = 0
 
     @property
     def identity(self) -> tuple[str, str]:
@@ -75,6 +77,29 @@ class Backbone:
         if wanted is None or self.apply_to is None:
             return self.apply(images)
         return self.apply_to(images, wanted)
+
+    def extract_closeups(
+        self,
+        images: UInt8[np.ndarray, "B S S 3"],
+        wanted: Bool[np.ndarray, "B V V"] | None,
+        coverage: Float[np.ndarray, "B V V"],
+    ) -> Float[jax.Array, "B V V D"]:
+        """`extract` for pictures of single detections.
+
+        Args:
+          coverage: Share of each patch that the detection covers, [0, 1].
+
+        Returns:
+          Features, the last `num_around` channels of what lies around the detection.
+
+        Raises:
+          SourceError: As `extract`.
+        """
+        if self.apply_closeups is None:
+            return self.extract(images, wanted)
+        self._check_images(images)
+        every = coverage >= 0.0
+        return self.apply_closeups(images, every if wanted is None else wanted, coverage)
 
     def extract_with_attention(
         self,

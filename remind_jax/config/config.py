@@ -63,7 +63,7 @@ class Input:
         decided_by=("davis.mask_erosion_px", "davis.mask_erosion_iters"))
     closeups: Literal["auto", "always", "never"] = setting("auto",
         "describe every detection in a picture of its own instead of the frame; \"auto\": if the "
-        "tracker prefers that, and the backbone needs little time for it")
+        "tracker prefers that, and the backbone has features of its own for them")
     announce_after: int = setting(0,
         "detections after which an object gets its id. 0: 1 for given masks, 5 for a detector",
         "detections", more="fewer objects that never were, each known later", least=0)

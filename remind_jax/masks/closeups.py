@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float, UInt8
 
 from remind_jax.crops import Crops
 
-CLOSEUP_PATCHES = 6  # along a side of a closeup
-OBJECT_PATCHES = 2.5  # side of the mask in it, as the root of its area
+CLOSEUP_PATCHES = 9  # along a side of a closeup
+OBJECT_PATCHES = 4.0  # side of the mask in it, as the root of its area
 MARGIN_PATCHES = 1.0  # that are left free of the mask at least, both sides together
 MOST_ZOOM = 6.0  # more shows nothing more
 

@@ -322,8 +322,12 @@ def advance_tracklets(
 
 
 def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> Float[Array, "N T"]:
-    """Cosines of whitened looks; what says nothing where a look is the mean of all."""
-    white = whiten(scene, jnp.concatenate([sightings.look, tracklets.look]))
+    """Cosines of whitened looks; what says nothing where a look is the mean of all.
+
+    Not of their backgrounds: what passes one spot has one background, whoever it is.
+    """
+    looks = jnp.concatenate([sightings.look, tracklets.look])
+    white = whiten(scene, jnp.where(sightings.is_around, scene.white_mean, looks))
     num, has_direction = len(sightings.look), jnp.any(white != 0.0, axis=1)
     known = has_direction[:num, None] & has_direction[num:]
     return jnp.where(known, dot(white[:num], white[num:]), LOOK_MIDDLE)

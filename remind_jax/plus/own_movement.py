@@ -35,6 +35,7 @@ SCENE_RATE = 0.05  # share that a tick changes of the speed of the scene
 # What speeds make of objects.
 HALF_SPEED = 0.02  # of one that is by half one that moves, length
 FORGETTING = 2.0  # errors of places and relations grow by this times the speed
+LEAVING = 4.0  # power of one less the mobility, by which the background counts in a look
 
 
 def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
@@ -151,3 +152,29 @@ def mobility(speed: Float[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
 def mobility_of(slot: Int[Array, "N"], objects: Objects, t: th.Mobility) -> Float[Array, "N"]:
     """`mobility` of the object in each slot; 0 for NO_SLOT."""
     return jnp.where(slot != NO_SLOT, mobility(objects.speed[slot], t), 0.0)
+
+
+def fade_background(
+    sightings: Sightings,
+    origin: Int[Array, "N"],
+    before: Tracklets,
+    scene: Scene,
+    t: th.Mobility,
+) -> Sightings:
+    """Looks in which the background counts less, the more mobile what stands before it.
+
+    What does not count is as in the mean of all looks, so that no comparison sees it.
+
+    Args:
+      sightings: Detections.
+      origin: The tracklet that each goes on with, NO_SLOT for a new one.
+      before: Tracklets before this frame.
+      scene: What is known of all looks and speeds.
+      t: How far own movement counts.
+    """
+    known = first_speed(before, scene)[origin]
+    rest = 1.0 - mobility(jnp.where(origin != NO_SLOT, known, scene.speed), t)
+    share = jnp.where(sightings.has_ring, rest**LEAVING, 0.0)
+    background = scene.mean + share[:, None] * (sightings.look - scene.mean)
+    look = jnp.where(sightings.is_around, background, sightings.look)
+    return dataclasses.replace(sightings, look=look)

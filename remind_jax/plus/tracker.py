@@ -50,7 +50,12 @@ from remind_jax.plus.linking import (
 )
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.own_movement import first_speed, learn_speeds, mobility_of
+from remind_jax.plus.own_movement import (
+    fade_background,
+    first_speed,
+    learn_speeds,
+    mobility_of,
+)
 from remind_jax.plus.scene_map import (
     center_variance,
     correct_map,
@@ -159,6 +164,7 @@ def _advance(
     # Which detection goes on with which tracklet?
     links = links.with_odds(course_odds(carried, sightings.box), t.linking)
     origin = link(links, t.linking)
+    sightings = fade_background(sightings, origin, carried, state.scene, t.mobility)
     second = find_second(sightings, origin, confused, t.names)
     sightings = dataclasses.replace(sightings, valid=sightings.valid & ~second)
     cropped = links.cropped.at(origin)

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from remind_jax.backbone.registry import Backbone
 from remind_jax.errors import ConfigError, SourceError
-from remind_jax.masks.closeups import Closeups
+from remind_jax.masks.closeups import CLOSEUP_PATCHES, Closeups
 from remind_jax.method import Method
 from remind_jax.observation import AnyFeats, CloseupFeats, FrameFeats, PatchAttention
 from remind_jax.session.preparation import Prepared
@@ -51,13 +51,16 @@ class FrameFeatures:
                 "frame only; leave it at 'auto' or choose another tracker"
             )
         self.with_closeups = closeups == "always" or (
-            closeups == "auto" and method.needs.prefers_closeups and backbone.is_local
+            closeups == "auto"
+            and method.needs.prefers_closeups
+            and backbone.apply_closeups is not None
         )
 
     @property
     def described_by(self) -> str:
         """What looks in memory can be compared with."""
-        return f"{self._backbone.name}, closeups" if self.with_closeups else self._backbone.name
+        how = f", closeups of {CLOSEUP_PATCHES} patches" if self.with_closeups else ""
+        return f"{self._backbone.name}{how}"
 
     def check(self, static: Static) -> None:
         """Makes sure that the backbone has what the method wants.
@@ -82,11 +85,10 @@ class FrameFeatures:
                 f"frame '{prepared.frame.name}' has neither an image nor patch features"
             )
         if prepared.closeups is not None:
-            return CloseupFeats(
-                patches=self._describe_closeups(prepared.closeups),
-                coverage=prepared.closeups.coverage,
-                frame_size=size,
-            )
+            patches = self._describe_closeups(prepared.closeups)
+            dim = patches.shape[-1]
+            is_around = np.arange(dim) >= dim - self._backbone.num_around
+            return CloseupFeats(patches, prepared.closeups.coverage, is_around, size)
         images = prepared.image[None]
         heads = self._attention_heads(static)
         if heads is None:
@@ -110,13 +112,16 @@ class FrameFeatures:
         num_slots = max(1, -(-num // CLOSEUPS_AT_ONCE)) * CLOSEUPS_AT_ONCE
         lacking = ((0, num_slots - num), (0, 0), (0, 0))
         images = np.pad(closeups.images, (*lacking, (0, 0)))
-        wanted = self._near(np.pad(closeups.coverage, lacking) > 0)
+        coverage = np.pad(closeups.coverage, lacking)
+        wanted = self._near(coverage > 0)
         batches = [
             slice(first, first + CLOSEUPS_AT_ONCE)
             for first in range(0, num_slots, CLOSEUPS_AT_ONCE)
         ]
         features = [
-            self._backbone.extract(images[batch], None if wanted is None else wanted[batch])
+            self._backbone.extract_closeups(
+                images[batch], None if wanted is None else wanted[batch], coverage[batch]
+            )
             for batch in batches
         ]
         return np.concatenate([np.asarray(some) for some in features])[:num]

@@ -6,7 +6,10 @@ from hypothesis import strategies as st
 
 from remind_jax.backbone import get_backbone
 from remind_jax.backbone.patch_statistics import (
+    AROUND_WEIGHT,
     BLOCKS,
+    OF_OBJECT,
+    OF_SURROUNDINGS,
     PATCH_PX,
     bins_of,
     measure_cells,
@@ -136,3 +139,75 @@ def test_wanted_patches_get_the_bits_that_they_get_among_all(rows, columns, data
     whole = np.asarray(get_backbone().extract(image))[0]
     np.testing.assert_array_equal(features[wanted], whole[wanted])
     assert not features[~wanted].any()
+
+
+SIDE = 9  # patches of a closeup
+COVERED = np.zeros((SIDE, SIDE), np.float32)
+COVERED[2:7, 3:6] = 1.0
+
+
+def closeup(thing: int, background: int) -> np.ndarray:
+    """A thing before a background, each of stripes and a color of its own."""
+    whole = SIDE * PATCH_PX
+    inside, outside = (paint_tiles(3, 3, seed)[:whole, :whole] for seed in (thing, background))
+    covered = np.kron(COVERED, np.ones((PATCH_PX, PATCH_PX)))[..., None] > 0
+    return np.where(covered, inside[..., ::-1], outside)
+
+
+def describe_closeups(images, coverage=COVERED, wanted=None) -> tuple[np.ndarray, np.ndarray]:
+    """Features of the object in each patch, and of what lies around it."""
+    coverage = np.repeat(coverage[None], len(images), 0)
+    both = np.asarray(get_backbone().extract_closeups(np.stack(images), wanted, coverage))
+    return np.split(both, [both.shape[-1] - get_backbone().num_around], axis=-1)
+
+
+def channels(blocks) -> list[int]:
+    """Where these blocks lie among features of frames."""
+    ends = np.cumsum([len(typical_histograms()[block.quantity]) for block in BLOCKS])
+    places = np.split(np.arange(ends[-1]), ends[:-1])
+    return [channel for block in blocks for channel in places[BLOCKS.index(block)]]
+
+
+def test_an_object_that_covers_its_closeup_is_described_as_in_a_frame():
+    """By the same histograms, each group of which is scaled to its length."""
+    image = closeup(1, 2)
+    found = describe_closeups([image], np.ones_like(COVERED))
+    plain = np.asarray(get_backbone().extract(image[None]))
+    for features, blocks, length in zip(
+        found, (OF_OBJECT, OF_SURROUNDINGS), (1.0, AROUND_WEIGHT), strict=True
+    ):
+        expected = plain[..., channels(blocks)]
+        expected *= length / np.linalg.norm(expected, axis=-1, keepdims=True)
+        np.testing.assert_allclose(features, expected, atol=FLOAT32_SUM)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5])
+def test_objects_and_what_lies_around_them_are_told_apart(seed):
+    """Another object changes the object's features far more than another background, and so on."""
+    images = [closeup(seed, 10), closeup(seed, 20), closeup(seed + 1, 10)]
+    of_object, around = describe_closeups(images)
+    mixed = np.asarray(get_backbone().extract(np.stack(images)))
+    outside = np.pad(1 - COVERED[1:-1, 1:-1], 1)
+
+    def changes(features: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """By another background, and by another object."""
+        mean = np.einsum("nhwd,hw->nd", features, weights)
+        mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+        return 1 - mean[1:] @ mean[0]
+
+    by_background, by_object = changes(of_object, COVERED)
+    mixed_by_background, mixed_by_object = changes(mixed, COVERED)
+    assert by_object / by_background > 5
+    assert by_object / by_background > 2 * mixed_by_object / mixed_by_background
+    by_background, by_object = changes(around, outside)
+    assert by_background > 5 * by_object
+
+
+def test_wanted_patches_of_closeups_get_the_bits_that_they_get_among_all():
+    wanted = COVERED[None] > 0
+    images = [closeup(1, 2)]
+    for some, whole in zip(
+        describe_closeups(images, wanted=wanted), describe_closeups(images), strict=True
+    ):
+        np.testing.assert_array_equal(some[wanted], whole[wanted])
+        assert not some[~wanted].any()

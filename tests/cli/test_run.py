@@ -75,8 +75,9 @@ def test_source_names_become_folder_names(command, scene, tmp_path):
     assert (tmp_path / "runs" / "my_rooms_2").is_dir()
 
 
-def test_closeups_are_kept_as_runs_go(command, scene, tmp_path):
-    run = ("run", scene[0], "--masks", scene[1], "--no-overlay", "--json")
+def test_features_are_kept_as_runs_go(command, scene, tmp_path):
+    of_frames = ("--set", "input.closeups=never")
+    run = ("run", scene[0], "--masks", scene[1], "--no-overlay", "--json", *of_frames)
     command(*run, "--out", "plain")
     tables = [(tmp_path / "plain" / "tracks.csv").read_bytes()]
     kept = []

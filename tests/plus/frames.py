@@ -22,8 +22,10 @@ def detections(centers, looks=None, **fields) -> Sightings:
     """Squares of size 1 around the centers, all of class 0."""
     center = np.asarray(centers, np.float32)
     num = len(center)
+    look = np.eye(num, DIM) if looks is None else np.asarray(looks)
     values = Sightings(
-        look=np.eye(num, DIM, dtype=np.float32) if looks is None else np.asarray(looks, np.float32),
+        look=look.astype(np.float32),
+        is_around=np.zeros(look.shape[1], bool),
         ring=np.zeros((num, DIM), np.float32),
         has_ring=np.zeros(num, bool),
         box=np.concatenate([center - 0.5, center + 0.5], axis=1),

@@ -9,7 +9,14 @@ import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import evidence, learning, own_movement, scene_map
-from remind_jax.plus.own_movement import first_speed, mobility, speed_of
+from remind_jax.plus.own_movement import (
+    HALF_SPEED,
+    LEAVING,
+    fade_background,
+    first_speed,
+    mobility,
+    speed_of,
+)
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import NO_RELATION
 from tests.plus.frames import (
@@ -161,6 +168,29 @@ def test_looks_of_what_moves_may_decide_alone():
     assert still.looks == pytest.approx(float(T.looks.best))
     assert moving.mobile > 0.9 * float(T.mobility.gain)
     assert moving.looks > still.looks + 1
+
+
+def test_the_background_leaves_the_looks_of_what_moves():
+    scene = dataclasses.replace(
+        empty_state().scene, mean=jnp.array([0.1, 0.2, 0.3]), speed=jnp.float32(HALF_SPEED)
+    )
+    seen = detections(
+        START,
+        np.eye(3) * 5,
+        is_around=np.array([False, True, True]),
+        has_ring=np.array([True, False, True]),
+    )
+    at_rest = follow(np.zeros((3, 2)), frames=400)
+    origin = jnp.array([0, 1, NO_SLOT])
+    look = jax.jit(fade_background)(seen, origin, at_rest, scene, T.mobility).look
+    # Nearly as before, at rest for long; of no background; of what begins, by the scene.
+    np.testing.assert_allclose(look[0], seen.look[0], atol=0.05)
+    np.testing.assert_allclose(look[1], [0.0, 0.2, 0.3], atol=1e-6)
+    assert look[2, 0] == 0.0
+    assert look[2, 2] == pytest.approx(0.3 + 0.5**LEAVING * (5.0 - 0.3), rel=1e-5)
+    walking = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
+    faded = jax.jit(fade_background)(seen, origin, walking, scene, T.mobility).look
+    np.testing.assert_allclose(faded[0], [5.0, 0.2, 0.3], atol=0.05)
 
 
 def test_nothing_moves_where_the_weight_is_zero():

@@ -221,7 +221,9 @@ def widened(walk: Walk) -> Walk:
             return leaf
         return np.concatenate([leaf, np.zeros_like(leaf[:, :1])], axis=1)
 
-    return Walk(jax.tree.map(widen, walk.sightings), walk.motion, widen(walk.thing))
+    wide = jax.tree.map(widen, walk.sightings)
+    wide = dataclasses.replace(wide, is_around=walk.sightings.is_around)
+    return Walk(wide, walk.motion, widen(walk.thing))
 
 
 def test_too_few_slots_are_flagged_and_change_nothing_else():

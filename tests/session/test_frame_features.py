@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.backbone import Backbone
+from remind_jax.backbone import Backbone, get_backbone
 from remind_jax.errors import ConfigError, RemindError
 from remind_jax.frame import Detections, Frame
 from remind_jax.masks.closeups import CLOSEUP_PATCHES, cut_closeups
@@ -141,24 +141,24 @@ def test_closeups_are_of_masks_after_erosion():
     np.testing.assert_array_equal(prepared.closeups.coverage, expected)
 
 
-def test_plus_takes_closeups_of_itself_where_features_are_local():
+def test_plus_takes_closeups_of_itself_where_the_backbone_describes_them():
     frame = frame_of(*next(frames(1)))
-    local = dataclasses.replace(Recorder().whole, is_local=True)
+    near = get_backbone()
     far = Recorder().whole
 
     def has_closeups(name: str, backbone: Backbone, choice: str) -> bool:
         config = {"tracker": name, "input": {"closeups": choice}}
         return Tracker(config, backbone).prepare(frame).closeups is not None
 
-    assert has_closeups("plus", local, "auto")
+    assert has_closeups("plus", near, "auto")
     assert not has_closeups("plus", far, "auto")
-    assert not has_closeups("plus", local, "never")
+    assert not has_closeups("plus", near, "never")
     assert has_closeups("plus", far, "always")
-    assert not has_closeups("bank", local, "auto")
+    assert not has_closeups("bank", near, "auto")
     assert has_closeups("bank", far, "always")
-    assert not has_closeups("remind", local, "auto")
+    assert not has_closeups("remind", near, "auto")
     with pytest.raises(ConfigError, match=r"input\.closeups is 'always', but tracker 'remind'"):
-        has_closeups("remind", local, "always")
+        has_closeups("remind", near, "always")
 
 
 def test_frames_that_bring_features_are_not_looked_at_again():

@@ -148,7 +148,7 @@ def test_a_run_folder_says_what_found_the_detections(tmp_path):
 def test_going_on_from_a_memory_file_is_going_on(whole, tmp_path):
     first = rj.run(PICTURES[:3], out=tmp_path / "first", overlay=False)
     rest = rj.run(PICTURES[3:], memory=tmp_path / "first" / MEMORY_NAME)
-    assert rest.info.config["static"] == {**first.info.config["static"], "feature_dim": 177}
+    assert rest.info.config["static"] == {**first.info.config["static"], "feature_dim": 223}
     assert_same_decisions((*first.tracks, *rest.tracks), whole.tracks)
 
 

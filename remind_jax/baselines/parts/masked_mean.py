@@ -13,7 +13,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pooling import pool_patches, to_unit
-from remind_jax.observation import AnyFeats, Masks, coverage_of, without_coverage
+from remind_jax.observation import (
+    AnyFeats,
+    Masks,
+    channels_around,
+    coverage_of,
+    without_coverage,
+)
 from remind_jax.static import Static
 
 
@@ -50,7 +56,8 @@ def look(frame_feats: AnyFeats, masks: Masks) -> Looks:
     a feature that is not finite are left out; a detection without any other is not valid.
     """
     finite = jnp.all(jnp.isfinite(frame_feats.patches), axis=-1)
-    features = jnp.where(finite[..., None], frame_feats.patches, 0.0)
+    usable = finite[..., None] & ~channels_around(frame_feats)
+    features = jnp.where(usable, frame_feats.patches, 0.0)
     inside = coverage_of(frame_feats, masks)
     weights = jnp.where(masks.valid[:, None, None] & finite, inside**2, 0.0)
     mean, present = pool_patches(weights, features.astype(jnp.float32))
