@@ -46,16 +46,27 @@ function show(position) {
   for (const follow of onFrame) follow(shown);
 }
 
-/** Shows a frame; aims at its middle, so that rounding cannot show its neighbor. */
+let isBehind = false; // whether the video has yet to seek what was asked for during a seek
+
+/** Shows a frame, in the video too. */
 function seek(position) {
   show(position);
-  if (run.video) video.currentTime = (shown + 0.5) / run.fps;
+  if (run.video) aim();
+}
+
+/** Aims at the middle of the frame shown, so that rounding cannot show its neighbor. */
+function aim() {
+  // One seek at a time: sent elsewhere and back during a seek, Chromium may never end it.
+  isBehind = video.seeking;
+  if (!isBehind) video.currentTime = (shown + 0.5) / run.fps;
 }
 
 function followVideo() {
+  if (video.seeking) return;
+  if (isBehind) { aim(); return; }
   // At its end a browser reports the duration, one frame beyond the last.
   const position = Math.min(Math.floor(video.currentTime * run.fps + 1e-3), numFrames - 1);
-  if (!video.seeking && position !== shown) show(position);
+  if (position !== shown) show(position);
 }
 
 function drawStage() {

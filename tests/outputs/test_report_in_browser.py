@@ -36,7 +36,7 @@ def page(browser, folder):
 
 def settled_position(browser) -> int:
     """The frame that the video shows once it has found it."""
-    wait_for(browser, "!video.seeking && video.readyState >= 2")
+    wait_for(browser, "!video.seeking && !isBehind && video.readyState >= 2")
     # At its end a browser reports the duration, one frame beyond the last.
     return min(int(browser.execute_script("return video.currentTime") * FPS), NUM_FRAMES - 1)
 
