@@ -48,13 +48,17 @@ def decide(
     odds: Float[Array, "N C"],
     rows: Rows,
     here: Tracklets,
+    stays: Float[Array, "N"],
     scene: Scene,
     num_objects: int,
     t: th.Decision,
 ) -> Choice:
-    """One assignment of all rows to objects, each with a private column for "no known object"."""
+    """One assignment of all rows to objects, each with a private column for "no known object".
+
+    `stays`: how far things of its class stay where they are (`own_movement.staying_of_class`).
+    """
     odds = jnp.where(shortlist.valid, odds, -jnp.inf)
-    new = expect_new(odds, rows.young, here.class_id, scene, t)
+    new = expect_new(odds, rows.young, here.class_id, stays, scene, t)
     # A new identity that is withdrawn later is one too many, so in doubt an early answer is known.
     enough = here.duration >= t.commit_age - clock.SLACK
     tentative = t.tentative + t.tentative_border * here.touched
@@ -93,6 +97,7 @@ def expect_new(
     odds: Float[Array, "N C"],
     young: Bool[Array, "N"],
     class_id: Int[Array, "N"],
+    stays: Float[Array, "N"],
     scene: Scene,
     t: th.Decision,
 ) -> Float[Array, "N"]:
@@ -102,6 +107,7 @@ def expect_new(
 
     What comes into view together is mostly new or mostly known; the share is that at which the
     open tracklets agree with it. What is known of a class speaks before what is known of all.
+    Things that move come one by one and not with the camera: what came last says less of them.
     """
     known = jax.nn.logsumexp(odds, axis=1)
     row = class_row(class_id)
@@ -110,7 +116,7 @@ def expect_new(
 
     def prior(share: Array) -> Array:
         share = jnp.clip(share, LEAST_NEWNESS, 1.0 - LEAST_NEWNESS)
-        return t.new + t.familiarity * jnp.log(share / (1.0 - share))
+        return t.new + t.familiarity * stays * jnp.log(share / (1.0 - share))
 
     def agree(_: Array, share: Array) -> Array:
         new = jnp.where(young, jax.nn.sigmoid(prior(share) - known), 0.0)

@@ -25,6 +25,7 @@ from remind_jax.numerics.control_flow import count_up, in_turn
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Evidence, OwnEvidence, Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
+from remind_jax.plus.own_movement import staying
 from remind_jax.plus.plane import squared_length
 from remind_jax.plus.slots import count_before, look_up, rows_of
 from remind_jax.plus.state import NO_RELATION, Objects, Pairs
@@ -95,6 +96,7 @@ def weigh_jointly(
         valid=shortlist.valid,
         base=shortlist.base,
         place=shortlist.evidence.place,
+        stays=staying(objects, t.mobility)[shortlist.slot],
         moved=jnp.where(is_gone, t.layout.moved_gone, t.layout.moved),
         credible=jax.nn.sigmoid(WITNESS_SLOPE * (looks + t.layout.witness)),
         is_anchor=is_anchor,
@@ -121,6 +123,7 @@ class _Rows(NamedTuple):
     valid: Bool[Array, "N C"]
     base: Float[Array, "N C"]  # log odds of what it has alone
     place: Float[Array, "N C"]
+    stays: Float[Array, "N C"]  # how far it may still be where it was left, [0, 1]
     moved: Float[Array, "N C"]  # log odds of what lies wrong
     credible: Float[Array, "N C"]  # how much it speaks for others, by its looks
     is_anchor: Bool[Array, "N"]
@@ -178,6 +181,7 @@ def _weigh(
         lies, companions, num_related, num_usable = jnp.moveaxis(sums, 1, 0)
         lies = lies * _share(num_related, PARTNERS)
         lies = t.weight * jnp.clip(lies, -t.best, t.best)
+        lies = jnp.minimum(lies, rows.stays * lies)
         companions = companions * _share(num_usable, COVISIBLE_PARTNERS)
         companions = t.covisible_weight * companions
         # Whatever lies wrong may have been moved: looks can still show it.

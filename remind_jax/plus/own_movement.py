@@ -35,7 +35,9 @@ SCENE_RATE = 0.05  # share that a tick changes of the speed of the scene
 # What speeds make of objects.
 HALF_SPEED = 0.02  # of one that is by half one that moves, length
 FORGETTING = 2.0  # errors of places and relations grow by this times the speed
-LEAVING = 4.0  # power of one less the mobility, by which the background counts in a look
+STAYING = 2.0  # power of one less the mobility, by which it is believed where an object was left
+STAYING_PRIOR = 2.0  # objects at rest that each class is assumed to have
+LEAVING = 4.0  # the same, by which the background counts in a look
 
 
 def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
@@ -147,6 +149,24 @@ def mobility(speed: Float[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
     """How far an object is one that moves of its own, [0, 1); 0 at rest."""
     speed = t.weight * speed
     return speed / (speed + HALF_SPEED)
+
+
+def staying_of_class(
+    class_id: Int[Array, "N"], objects: Objects, t: th.Mobility
+) -> Float[Array, "N"]:
+    """How far objects of a class stay where they are while nobody looks, (0, 1]."""
+    alike = objects.exists & (class_id[:, None] == objects.class_id)
+    moves = jnp.sum(jnp.where(alike, mobility(objects.speed, t), 0.0), axis=1)
+    return (1.0 - moves / (jnp.sum(alike, axis=1) + STAYING_PRIOR)) ** STAYING
+
+
+def staying(objects: Objects, t: th.Mobility) -> Float[Array, "O"]:
+    """How far each object may still be where it was left, [0, 1].
+
+    Who stands among people who walk may have walked away meanwhile.
+    """
+    of_class = staying_of_class(objects.class_id, objects, t)
+    return (1.0 - mobility(objects.speed, t)) ** STAYING * of_class
 
 
 def mobility_of(slot: Int[Array, "N"], objects: Objects, t: th.Mobility) -> Float[Array, "N"]:

@@ -55,6 +55,7 @@ from remind_jax.plus.own_movement import (
     first_speed,
     learn_speeds,
     mobility_of,
+    staying_of_class,
 )
 from remind_jax.plus.scene_map import (
     center_variance,
@@ -214,7 +215,10 @@ def _advance(
     # In many frames everything in view is decided.
     candidates, weighed = branch(jnp.any(rows.any), weigh, lambda: nothing_weighed(num))
     # Who is who, jointly?
-    choice = decide(candidates, weighed.odds, rows, here, scene, static.num_objects, t.decision)
+    stays = staying_of_class(here.class_id, objects, t.mobility)
+    choice = decide(
+        candidates, weighed.odds, rows, here, stays, scene, static.num_objects, t.decision
+    )
     verdicts = conclude(here, objects, rows, candidates, weighed, choice)
     answered = jnp.where(choice.slot != NO_SLOT, choice.slot, here.slot)
     moves = mobility_of(answered, objects, t.mobility)

@@ -18,8 +18,10 @@ NEW = Decision().new
 
 
 @jax.jit
-def decide_alone(age: int, odds: float, tentative: float) -> Choice:
-    """One open tracklet; how familiar the scene is counts for nothing."""
+def decide_alone(
+    age: int, odds: float, tentative: float, familiarity: float = 0.0, stays: float = 1.0
+) -> Choice:
+    """One open tracklet; by itself, how familiar the scene is counts for nothing."""
     static = Static(num_detections=1, num_objects=4, feature_dim=3)
     here = dataclasses.replace(
         no_tracklets(1, 3),
@@ -36,8 +38,9 @@ def decide_alone(age: int, odds: float, tentative: float) -> Choice:
         evidence=OwnEvidence(**dict.fromkeys(OwnEvidence.kinds(), evidence)),
     )
     rows = Rows(young=jnp.array([True]), late=jnp.array([False]))
-    t = Decision(familiarity=0.0, tentative=tentative)
-    return decide(candidate, evidence, rows, here, init(static).scene, static.num_objects, t)
+    t = Decision(familiarity=familiarity, tentative=tentative)
+    scene, each = init(static).scene, jnp.full(1, stays)
+    return decide(candidate, evidence, rows, here, each, scene, static.num_objects, t)
 
 
 def test_in_doubt_an_early_answer_is_a_known_object():
@@ -51,6 +54,16 @@ def test_the_last_answer_is_not_biased():
     choice = decide_alone(int(HESITATION * Decision().commit_age), NEW - 0.3, tentative=0.5)
     assert choice.slot == NO_SLOT
     assert choice.born
+
+
+def test_what_came_last_says_nothing_of_things_that_move():
+    """At first much is new, which is told of a tracklet that hardly looks known as well."""
+
+    def new_odds(stays: float) -> float:
+        choice = decide_alone(Decision().commit_age, -2.0, 0.0, familiarity=1.0, stays=stays)
+        return float(choice.private[0])
+
+    assert new_odds(1.0) > new_odds(0.5) > new_odds(0.0) == pytest.approx(NEW)
 
 
 @pytest.mark.parametrize("side", [-1, 1])

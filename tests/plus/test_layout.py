@@ -25,17 +25,18 @@ FRAME = jnp.int32(200)
 EMPTY = jax.tree.map(np.array, init(STATIC))
 
 
-def weigh_anew(looks, witness, moved, rare):
+def weigh_anew(looks, witness, moved, rare, speed):
     """Log odds of five detections in two ways, see `weigh`."""
     five, rest = np.s_[:NUM, :NUM], np.s_[NUM : 4 * NUM]
     objects, pairs = jax.tree.map(np.copy, (EMPTY.objects, EMPTY.pairs))
-    objects.seen[:NUM] = 20
+    objects.seen[:NUM], objects.class_id[:NUM] = 20, 0
     # Others that are never in view, and of another class if these are of a rare one.
     objects.id[: 4 * NUM] = 1
     pairs.relation[five] = (PLACES[None] - PLACES[:, None]) / SIZE
     pairs.spread[five], pairs.covisible[five] = 0.1, 20
     objects, pairs = jax.tree.map(jnp.asarray, (objects, pairs))
     objects = dataclasses.replace(objects, class_id=objects.class_id.at[rest].set(rare))
+    objects = dataclasses.replace(objects, speed=objects.speed.at[rest].set(speed))
     num = STATIC.num_detections
     row = jnp.arange(num)[:, None]
     first = (jnp.arange(NUM_CANDIDATES)[None] == 0) & (row < NUM)
@@ -64,7 +65,11 @@ _weigh = jax.jit(weigh_anew)
 
 
 def weigh(
-    looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0), rare: bool = False
+    looks: float,
+    witness: float,
+    moved: tuple[float, float] = (0.0, 0.0),
+    rare: bool = False,
+    speed: float = 0.0,
 ) -> np.ndarray:
     """Log odds that each of five detections is the object that lay there.
 
@@ -73,8 +78,9 @@ def weigh(
       witness: Threshold.
       moved: Where all of them lie now, from where the objects lay.
       rare: Three times as many other objects are of another class, instead of the same one.
+      speed: With which these others move.
     """
-    told, summed = _weigh(looks, witness, np.array(moved, np.float32), rare)
+    told, summed = _weigh(looks, witness, np.array(moved, np.float32), rare, speed)
     np.testing.assert_allclose(told, summed, rtol=1e-5)  # order of sums
     return np.asarray(told)
 
@@ -97,11 +103,25 @@ def test_members_of_a_rare_class_are_believed_although_they_look_little_alike():
     assert np.all(weigh(looks=-4.0, witness=0.5, rare=True) < PlusThresholds().decision.new)
 
 
+def test_where_others_of_the_class_move_it_tells_less_how_they_lie():
+    still, among_movers = (weigh(looks=0.5, witness=0.5, speed=speed) for speed in (0.0, 0.1))
+    assert np.all(among_movers < still - 2)
+    assert np.all(among_movers > 0.5), "it speaks for them nevertheless"
+    apart = weigh(looks=0.5, witness=0.5, rare=True, speed=0.1)
+    np.testing.assert_array_equal(apart, weigh(looks=0.5, witness=0.5, rare=True))
+    wrong, wrong_among_movers = (
+        weigh(looks=-3.0, witness=-9.0, moved=(3.0, 0.5), speed=speed) for speed in (0.0, 0.1)
+    )
+    np.testing.assert_array_equal(wrong, wrong_among_movers)
+
+
 def test_in_a_crowd_the_nearest_are_asked(monkeypatch):
     def ask(num: int) -> np.ndarray:
         monkeypatch.setattr(layout, "NUM_WITNESSES", num)
         still = np.zeros(2, np.float32)
-        return np.asarray(jax.jit(lambda *given: weigh_anew(*given))(0.5, 0.5, still, False)[0])
+        return np.asarray(
+            jax.jit(lambda *given: weigh_anew(*given))(0.5, 0.5, still, False, 0.0)[0]
+        )
 
     everyone = weigh(looks=0.5, witness=0.5)
     np.testing.assert_allclose(ask(NUM - 1), everyone, rtol=1e-5)
@@ -113,5 +133,5 @@ def test_in_a_crowd_the_nearest_are_asked(monkeypatch):
 def test_a_batch_is_weighed_as_its_members_alone():
     looks, still = np.array([0.5, -1.0, 3.0], np.float32), np.zeros(2, np.float32)
     alone = [weigh(looks=one, witness=0.5) for one in looks]
-    in_batch = jax.jit(jax.vmap(lambda one: weigh_anew(one, 0.5, still, False)[0]))
+    in_batch = jax.jit(jax.vmap(lambda one: weigh_anew(one, 0.5, still, False, 0.0)[0]))
     np.testing.assert_allclose(in_batch(looks), alone, rtol=1e-5)

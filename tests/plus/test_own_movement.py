@@ -12,10 +12,14 @@ from remind_jax.plus import evidence, learning, own_movement, scene_map
 from remind_jax.plus.own_movement import (
     HALF_SPEED,
     LEAVING,
+    STAYING,
+    STAYING_PRIOR,
     fade_background,
     first_speed,
     mobility,
     speed_of,
+    staying,
+    staying_of_class,
 )
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import NO_RELATION
@@ -191,6 +195,19 @@ def test_the_background_leaves_the_looks_of_what_moves():
     walking = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
     faded = jax.jit(fade_background)(seen, origin, walking, scene, T.mobility).look
     np.testing.assert_allclose(faded[0], [5.0, 0.2, 0.3], atol=0.05)
+
+
+def test_what_stands_among_others_of_its_class_that_move_may_go():
+    objects = objects_of(
+        np.ones((4, 3)), speed=jnp.array([0.0, 0.2, 0.2, 0.0]), class_id=jnp.array([0, 0, 0, 1])
+    )
+    stays = jax.jit(staying)(objects, T.mobility)
+    moves = 2 * float(mobility(jnp.array([0.2]), T.mobility)[0]) / (3 + STAYING_PRIOR)
+    assert stays[0] == pytest.approx((1 - moves) ** STAYING, rel=1e-5)
+    assert stays[1] < 0.02 * stays[0]
+    assert stays[3] == 1.0
+    of_class = jax.jit(staying_of_class)(jnp.array([0, 1, 2]), objects, T.mobility)
+    np.testing.assert_allclose(of_class, [stays[0], 1.0, 1.0], rtol=1e-6)
 
 
 def test_nothing_moves_where_the_weight_is_zero():
