@@ -54,6 +54,7 @@ from remind_jax.backbone.cell_histograms import (
 )
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
 from remind_jax.compiled.programs import KeptFunction
+from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
 
 PATCH_PX = 2 * CELL_PX  # cells lie on the image at half resolution
@@ -124,8 +125,14 @@ def patch_statistics() -> Backbone:
     tile = TILE if jax.default_backend() == "cpu" else None
 
     def kept(name: str, one: Callable[..., Any]) -> KeptFunction:
+        def describe_each(each: tuple[Any, ...]) -> Any:
+            given = functools.partial(one, *each, tile=tile)
+            none = jax.eval_shape(given)
+            wanted = each[1]
+            return branch(jnp.any(wanted), given, lambda: jnp.zeros(none.shape, none.dtype))
+
         def describe(*arguments: Any) -> Any:
-            return jax.lax.map(lambda each: one(*each, tile=tile), arguments)
+            return jax.lax.map(describe_each, arguments)
 
         return KeptFunction(name, describe, (CENTERING, tile))
 
