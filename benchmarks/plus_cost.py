@@ -35,7 +35,7 @@ from remind_jax.static import Static
 
 def cost() -> Iterator[dict[str, Any]]:
     """Milliseconds of a step and megabytes of the memory for some capacities."""
-    for detections, objects, dim in ((12, 60, 177), (12, 60, 384), (30, 200, 384), (30, 500, 384)):
+    for detections, objects, dim in ((12, 60, 223), (12, 60, 384), (30, 200, 384), (30, 500, 384)):
         static = Static(
             num_detections=detections, num_objects=objects + 2 * detections, feature_dim=dim
         )

@@ -35,7 +35,7 @@ from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
 
-DIM = 177
+DIM = 223
 FRAMES = 6
 MIB = 2**20
 

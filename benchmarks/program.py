@@ -37,7 +37,7 @@ from remind_jax.method import Method, get_method, list_methods
 from remind_jax.observation import AnyFeats, CloseupFeats, FrameFeats
 from remind_jax.static import Static
 
-STATIC = Static(feature_dim=177)
+STATIC = Static(feature_dim=223)
 PATCHES = (30, 40)  # rows and columns of a frame of 640x480 pixels
 PATCH_PX = 16
 _INSTRUCTION = re.compile(r"^\s+(?:ROOT )?%?([\w.\-]+) = (?:\(.*?\)|\S+) ([\w\-]+)\(")
