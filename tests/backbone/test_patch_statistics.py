@@ -15,6 +15,7 @@ from remind_jax.backbone.patch_statistics import (
     measure_cells,
     typical_histograms,
 )
+from remind_jax.compiled import kept
 from remind_jax.errors import SourceError
 
 FLOAT32_SUM = 2e-5  # histograms sum 64 to 576 float32 shares; features are of order one
@@ -63,7 +64,8 @@ def test_frame_smaller_than_a_patch_is_refused():
         get_backbone().extract(np.zeros((1, 15, 64, 3), np.uint8))
 
 
-def test_a_size_compiles_once_and_repeats_exactly(caplog):
+def test_a_size_compiles_once_and_repeats_exactly(caplog, monkeypatch):
+    monkeypatch.setenv(kept.VARIABLE, kept.OFF)  # else an earlier run may have left the program
     backbone = get_backbone()
     image = paint_tiles(3, 4)[None]
     first = np.asarray(backbone.extract(image))
