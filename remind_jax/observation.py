@@ -54,7 +54,7 @@ class CloseupFeats:
 
     patches: Float[AnyArray, "N V V D"]  # raw patch features, not normalized
     coverage: Float[AnyArray, "N V V"]  # share of each patch inside the mask, [0, 1]
-    is_around: Bool[AnyArray, "D"]  # channels of what lies around a detection
+    is_background: Bool[AnyArray, "D"]  # channels that tell of the background
     frame_size: Int[AnyArray, "2"]  # height and width in pixels
 
 
@@ -103,10 +103,10 @@ def coverage_of(frame_feats: AnyFeats, masks: Masks) -> Float[AnyArray, "N Hp Wp
     return frame_feats.coverage if isinstance(frame_feats, CloseupFeats) else masks.coverage
 
 
-def channels_around(frame_feats: AnyFeats) -> Bool[AnyArray, "D"]:
-    """Channels that tell of what lies around a patch's detection and not of the patch."""
+def background_channels(frame_feats: AnyFeats) -> Bool[AnyArray, "D"]:
+    """Channels that tell of the background of a detection, and not of the detection."""
     if isinstance(frame_feats, CloseupFeats):
-        return frame_feats.is_around
+        return frame_feats.is_background
     return np.zeros(frame_feats.patches.shape[-1], bool)
 
 

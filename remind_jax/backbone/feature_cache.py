@@ -32,7 +32,7 @@ def cache_features(backbone: Backbone, folder: str | Path) -> Backbone:
     """The same backbone, which computes only what is not in a folder yet.
 
     It cannot be traced. Attention is not kept, nor what the backbone says of closeups only
-    (`apply_closeups`), which takes no longer than reading it.
+    (`apply_closeups`).
 
     Raises:
       OutputError: If the folder cannot be made.

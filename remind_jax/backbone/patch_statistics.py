@@ -13,7 +13,7 @@ Hue and saturation enter at the scale of the patch, and everything at the scale 
 around it. Nothing depends on the frame as a whole: a patch looks the same wherever it is seen.
 
 In closeups it is known which patches an object covers: there the windows that describe it weigh
-patches by that, and others, of all patches alike, say what lies around it.
+patches by that, and others, of all patches alike, describe its background.
 
 Square roots of histograms make inner products into Hellinger affinities. The square root of a
 typical histogram, a few simple laws written down below and no average over any recording, is
@@ -102,8 +102,8 @@ GRADIENT = Block("chroma_gradient", 1, weight=0.8, common_length=0.9)
 BLOCKS = (HUE, HUE_NEAR, SURROUND, TEXTURE, LUMINANCE, GRADIENT)
 # In closeups.
 OF_OBJECT = (HUE, SURROUND, TEXTURE, LUMINANCE, GRADIENT)
-OF_SURROUNDINGS = (HUE_NEAR, TEXTURE, LUMINANCE)
-AROUND_WEIGHT = 0.7  # length of what lies around, beside that of the object
+OF_BACKGROUND = (HUE_NEAR, TEXTURE, LUMINANCE)
+BACKGROUND_WEIGHT = 0.7  # length of its features, beside those of the object
 OUTSIDE_WEIGHT = 0.02  # of a patch that the object does not touch, beside one that it covers
 
 
@@ -149,7 +149,7 @@ def patch_statistics() -> Backbone:
         apply,
         apply_to=apply_to,
         apply_closeups=kept(f"{DEFAULT_BACKBONE}-closeups", describe_closeup),
-        num_around=_num_features(OF_SURROUNDINGS),
+        num_background=_num_features(OF_BACKGROUND),
     )
 
 
@@ -176,7 +176,7 @@ def describe_closeup(
     *,
     tile: tuple[int, int] | None,
 ) -> Float[Array, "V V D"]:
-    """Features of patches of one closeup: those of its object first, then those of what is around.
+    """Features of patches of one closeup: those of its object, then those of its background.
 
     Args:
       wanted: As for `describe_patches`.
@@ -188,8 +188,8 @@ def describe_closeup(
     features = jnp.concatenate(
         [
             to_unit(_side_by_side(OF_OBJECT, histograms, of_object)),
-            AROUND_WEIGHT
-            * to_unit(_side_by_side(OF_SURROUNDINGS, histograms, window_mean(histograms, 1))),
+            BACKGROUND_WEIGHT
+            * to_unit(_side_by_side(OF_BACKGROUND, histograms, window_mean(histograms, 1))),
         ],
         axis=-1,
     )

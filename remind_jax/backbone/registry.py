@@ -47,9 +47,9 @@ class Backbone:
     apply_to: Callable[[Any, Any], Any] | None = None
     # From pictures of single detections, wanted patches, and the share of each that the detection
     # covers, `[B, Hp, Wp]`, to features of what it looks like, and beside these, in the last
-    # `num_around` channels, of what lies around it. Left out, such pictures are read as frames are.
+    # `num_background` channels, of its background. Left out, such pictures are read as frames are.
     apply_closeups: Callable[[Any, Any, Any], Any] | None = None
-    num_around: int = 0
+    num_background: int = 0
 
     @property
     def identity(self) -> tuple[str, str]:
@@ -90,7 +90,7 @@ class Backbone:
           coverage: Share of each patch that the detection covers, [0, 1].
 
         Returns:
-          Features, the last `num_around` channels of what lies around the detection.
+          Features, the last `num_background` channels of the background.
 
         Raises:
           SourceError: As `extract`.

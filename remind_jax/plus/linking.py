@@ -327,7 +327,7 @@ def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> F
     Not of their backgrounds: what passes one spot has one background, whoever it is.
     """
     looks = jnp.concatenate([sightings.look, tracklets.look])
-    white = whiten(scene, jnp.where(sightings.is_around, scene.white_mean, looks))
+    white = whiten(scene, jnp.where(sightings.is_background, scene.white_mean, looks))
     num, has_direction = len(sightings.look), jnp.any(white != 0.0, axis=1)
     known = has_direction[:num, None] & has_direction[num:]
     return jnp.where(known, dot(white[:num], white[num:]), LOOK_MIDDLE)

@@ -14,7 +14,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pooling import pool_patches, to_unit
-from remind_jax.observation import AnyArray, AnyFeats, Masks, channels_around, coverage_of
+from remind_jax.observation import AnyArray, AnyFeats, Masks, background_channels, coverage_of
 from remind_jax.plus.thresholds import FRAME_AREA
 
 RING_PATCHES = 2  # the background is looked at this far around an object
@@ -36,8 +36,8 @@ class Motion:
 class Sightings:
     """The detections of one frame."""
 
-    look: Float[Array, "N D"]  # mean feature of the object; in some channels, of its background
-    is_around: Bool[Array, "D"]  # these channels
+    look: Float[Array, "N D"]  # mean feature of the object, in some channels of its background
+    is_background: Bool[Array, "D"]  # channels of the look that tell of the background
     ring: Float[Array, "N D"]  # mean feature of the background around it
     has_ring: Bool[Array, "N"]
     box: Float[Array, "N 4"]  # left, top, right, bottom
@@ -81,9 +81,9 @@ def observe(
     around = jnp.where(near > 0, 1.0 - inside, 0.0)
     look, is_seen = pool_patches(inside * inside * finite, features)
     ring, has_ring = pool_patches(around * finite, features)
-    is_around = jnp.asarray(channels_around(frame_feats))
-    look = jnp.where(is_around, ring, look)
-    ring = jnp.where(is_around | ~jnp.any(is_around), ring, 0.0)
+    is_background = jnp.asarray(background_channels(frame_feats))
+    look = jnp.where(is_background, ring, look)
+    ring = jnp.where(is_background | ~jnp.any(is_background), ring, 0.0)
 
     # The tracker may work at a smaller size than that of the frame; the motion was measured there.
     known = jnp.all(jnp.asarray(motion.frame_size) > 0)
@@ -93,7 +93,7 @@ def observe(
     valid = jnp.asarray(masks.valid) & is_seen
     sightings = Sightings(
         look=look,
-        is_around=is_around,
+        is_background=is_background,
         ring=ring,
         has_ring=has_ring & valid,
         box=jnp.asarray(masks.box, jnp.float32) / unit,

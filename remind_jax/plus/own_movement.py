@@ -196,5 +196,5 @@ def fade_background(
     rest = 1.0 - mobility(jnp.where(origin != NO_SLOT, known, scene.speed), t)
     share = jnp.where(sightings.has_ring, rest**LEAVING, 0.0)
     background = scene.mean + share[:, None] * (sightings.look - scene.mean)
-    look = jnp.where(sightings.is_around, background, sightings.look)
+    look = jnp.where(sightings.is_background, background, sightings.look)
     return dataclasses.replace(sightings, look=look)

@@ -87,8 +87,8 @@ class FrameFeatures:
         if prepared.closeups is not None:
             patches = self._describe_closeups(prepared.closeups)
             dim = patches.shape[-1]
-            is_around = np.arange(dim) >= dim - self._backbone.num_around
-            return CloseupFeats(patches, prepared.closeups.coverage, is_around, size)
+            is_background = np.arange(dim) >= dim - self._backbone.num_background
+            return CloseupFeats(patches, prepared.closeups.coverage, is_background, size)
         images = prepared.image[None]
         heads = self._attention_heads(static)
         if heads is None:

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from remind_jax.backbone import get_backbone
 from remind_jax.backbone.patch_statistics import (
-    AROUND_WEIGHT,
+    BACKGROUND_WEIGHT,
     BLOCKS,
+    OF_BACKGROUND,
     OF_OBJECT,
-    OF_SURROUNDINGS,
     PATCH_PX,
     bins_of,
     measure_cells,
@@ -160,7 +160,7 @@ def describe_closeups(images, coverage=COVERED, wanted=None) -> tuple[np.ndarray
     """Features of the object in each patch, and of what lies around it."""
     coverage = np.repeat(coverage[None], len(images), 0)
     both = np.asarray(get_backbone().extract_closeups(np.stack(images), wanted, coverage))
-    return np.split(both, [both.shape[-1] - get_backbone().num_around], axis=-1)
+    return np.split(both, [both.shape[-1] - get_backbone().num_background], axis=-1)
 
 
 def channels(blocks) -> list[int]:
@@ -176,7 +176,7 @@ def test_an_object_that_covers_its_closeup_is_described_as_in_a_frame():
     found = describe_closeups([image], np.ones_like(COVERED))
     plain = np.asarray(get_backbone().extract(image[None]))
     for features, blocks, length in zip(
-        found, (OF_OBJECT, OF_SURROUNDINGS), (1.0, AROUND_WEIGHT), strict=True
+        found, (OF_OBJECT, OF_BACKGROUND), (1.0, BACKGROUND_WEIGHT), strict=True
     ):
         expected = plain[..., channels(blocks)]
         expected *= length / np.linalg.norm(expected, axis=-1, keepdims=True)

@@ -25,7 +25,7 @@ def detections(centers, looks=None, **fields) -> Sightings:
     look = np.eye(num, DIM) if looks is None else np.asarray(looks)
     values = Sightings(
         look=look.astype(np.float32),
-        is_around=np.zeros(look.shape[1], bool),
+        is_background=np.zeros(look.shape[1], bool),
         ring=np.zeros((num, DIM), np.float32),
         has_ring=np.zeros(num, bool),
         box=np.concatenate([center - 0.5, center + 0.5], axis=1),

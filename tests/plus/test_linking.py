@@ -129,12 +129,12 @@ def test_looks_less_alike_than_others_are_no_more_like_the_same():
 
 def test_backgrounds_link_nothing():
     """Whoever passes one spot has one background."""
-    state, is_around = empty_state(), np.array([False, False, True])
+    state, is_background = empty_state(), np.array([False, False, True])
     scene = dataclasses.replace(state.scene, whitener=jnp.eye(3), white_mean=jnp.zeros(3))
     looks = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     behind = np.array([[0.0, 0.0, 9.0], [0.0, 0.0, 9.0], [0.0, 0.0, -9.0]])
     before = tracklets_of(detections([[1, 1], [2, 1], [3, 1]], looks + behind), 0, ROOM)
-    now = detections([[1, 1], [2, 1], [3, 1]], looks - behind, is_around=is_around)
+    now = detections([[1, 1], [2, 1], [3, 1]], looks - behind, is_background=is_background)
     cosine = jax.jit(linking.compare_looks)(before, now, scene)[:, :3]
     np.testing.assert_allclose(cosine, looks @ looks.T, atol=1e-6)
 

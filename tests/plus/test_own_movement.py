@@ -181,7 +181,7 @@ def test_the_background_leaves_the_looks_of_what_moves():
     seen = detections(
         START,
         np.eye(3) * 5,
-        is_around=np.array([False, True, True]),
+        is_background=np.array([False, True, True]),
         has_ring=np.array([True, False, True]),
     )
     at_rest = follow(np.zeros((3, 2)), frames=400)

@@ -222,7 +222,7 @@ def widened(walk: Walk) -> Walk:
         return np.concatenate([leaf, np.zeros_like(leaf[:, :1])], axis=1)
 
     wide = jax.tree.map(widen, walk.sightings)
-    wide = dataclasses.replace(wide, is_around=walk.sightings.is_around)
+    wide = dataclasses.replace(wide, is_background=walk.sightings.is_background)
     return Walk(wide, walk.motion, widen(walk.thing))
 
 

@@ -16,7 +16,7 @@ from remind_jax.numerics.pooling import pool_patches, to_unit
 from remind_jax.observation import (
     AnyFeats,
     Masks,
-    channels_around,
+    background_channels,
     coverage_of,
     without_coverage,
 )
@@ -56,7 +56,7 @@ def look(frame_feats: AnyFeats, masks: Masks) -> Looks:
     a feature that is not finite are left out; a detection without any other is not valid.
     """
     finite = jnp.all(jnp.isfinite(frame_feats.patches), axis=-1)
-    usable = finite[..., None] & ~channels_around(frame_feats)
+    usable = finite[..., None] & ~background_channels(frame_feats)
     features = jnp.where(usable, frame_feats.patches, 0.0)
     inside = coverage_of(frame_feats, masks)
     weights = jnp.where(masks.valid[:, None, None] & finite, inside**2, 0.0)
