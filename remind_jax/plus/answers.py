@@ -42,7 +42,8 @@ OPEN_NEW = 0.19, 0.942
 KNOWN = 0.0113, 0.9985
 NEW = 0.5615, 0.9811
 LEAST_TRUST = 0.5  # of a tracklet that passed to another thing more likely than not
-MOVING_LOSS = 0.6  # share of a decided belief that is lost if the object moves
+# Share of a decided belief that is lost if the object moves, and if its class does.
+MOVING_LOSS, MOVING_CLASS_LOSS = 0.6, 0.8
 
 # Why a detection became what it became.
 _REASONS = {
@@ -107,6 +108,7 @@ def report(
     verdicts: Verdicts,
     belief: Float[Array, "N C"],
     moves: Float[Array, "N"],
+    stays: Float[Array, "N"],
     here: Tracklets,
     present: Bool[Array, "N"],
     sightings: Sightings,
@@ -124,6 +126,7 @@ def report(
       verdicts: Decisions.
       belief: Probability of each candidate.
       moves: How far each answer is an object that moves of its own.
+      stays: How far things of its class stay where they are.
       here: Tracklets of the detections, before the decisions.
       present: Detection slots that hold a mask.
       sightings: Detections.
@@ -133,7 +136,7 @@ def report(
     seen = verdicts.tracklet_id != NO_ID
     is_own = verdicts.answer_id == verdicts.tracklet_id
     undecided = seen & ~verdicts.is_decided
-    confidence = jnp.where(seen, _calibrate(verdicts, is_own, moves), 0.0)
+    confidence = jnp.where(seen, _calibrate(verdicts, is_own, moves, stays), 0.0)
     passed_on = seen & verdicts.is_decided & (here.trust < LEAST_TRUST)
     option_id, option_score = _list_options(verdicts, belief, undecided, passed_on)
     could_be = option_score >= t.possible
@@ -181,7 +184,10 @@ def report(
 
 
 def _calibrate(
-    verdicts: Verdicts, is_own: Bool[Array, "N"], moves: Float[Array, "N"]
+    verdicts: Verdicts,
+    is_own: Bool[Array, "N"],
+    moves: Float[Array, "N"],
+    stays: Float[Array, "N"],
 ) -> Float[Array, "N"]:
     """How often answers of this kind and belief are right."""
 
@@ -193,8 +199,10 @@ def _calibrate(
     low, high = by_kind(0), by_kind(1)
     most = math.log(1.0 / LEAST_BELIEF - 1.0)
     belief = _log_odds(verdicts.probability) / most
-    # Nothing confirms later what was decided of an object that is found elsewhere every time.
-    belief *= 1.0 - MOVING_LOSS * moves * verdicts.is_decided
+    # Nothing confirms later what was decided of an object that is found elsewhere every time, and
+    # others like it come and go where a class moves.
+    left = (1.0 - MOVING_LOSS * moves) * (1.0 - MOVING_CLASS_LOSS * (1.0 - stays))
+    belief *= jnp.where(verdicts.is_decided, left, 1.0)
     return jax.nn.sigmoid(low + (high - low) * (belief + 1.0) / 2.0)
 
 

@@ -171,7 +171,7 @@ class Archive:
             pairs.covisible[slot, slot] = one.values["seen"]
             woken.append(slot)
         kept = objects.bank_count[woken] > 0
-        white = whitener.whiten(objects.bank[woken])
+        white = whitener.whiten(objects.bank[woken], objects.class_id[woken, None])
         objects.white_bank[woken] = np.where(kept[..., None], white, 0.0)
         slot_of = {int(one): slot for slot, one in enumerate(objects.id) if one != NO_ID}
         # Of two that meet again, only the one that rested first may know of the other.

@@ -36,7 +36,7 @@ def name_odds(
     left: Int[Array, "N"], right: Int[Array, "X"], confused: Float[Array, "L L"]
 ) -> Float[Array, "N X"]:
     """Log odds of each two class numbers to be of one thing; 0 for the same."""
-    found = confused[_row_of(left)[:, None], _row_of(right)[None, :]]
+    found = confused[name_row(left)[:, None], name_row(right)[None, :]]
     return jnp.where(left[:, None] == right[None, :], 0.0, found)
 
 
@@ -56,7 +56,7 @@ def learn_names(
       now: Class of the detection.
       weight: How much it teaches; 0 where nothing goes on.
     """
-    rows = _row_of(before), _row_of(now)
+    rows = name_row(before), name_row(now)
     is_told = (before == now) | (rows[0] != rows[1])
     names = scene.names.at[rows].add(jnp.where(is_told, weight, 0.0))
     return dataclasses.replace(scene, names=names)
@@ -84,5 +84,6 @@ def vote(
     return jnp.where(changes, named, class_id), jnp.where(votes, left, lead)
 
 
-def _row_of(class_id: Int[Array, "X"]) -> Int[Array, "X"]:
+def name_row(class_id: Int[Array, "*any"]) -> Int[Array, "*any"]:
+    """Rows of classes in what the scene knows name by name."""
     return jnp.maximum(class_id, 0) % NAME_ROWS

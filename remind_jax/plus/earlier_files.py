@@ -54,6 +54,8 @@ NEW_LEAVES: dict[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] =
     "tracklets.unseen": lambda file: (
         file["tracklets.alive"] * (file["frame"] - 1 - file["tracklets.last"])
     ),
+    "scene.class_cosines": None,
+    "scene.class_offset": None,
     "scene.links": None,
     "scene.names": None,
     "scene.newness": None,

@@ -22,6 +22,7 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
+from remind_jax.plus.class_names import name_row
 from remind_jax.plus.clock import MISSED_TICKS, SLACK
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import mobility
@@ -37,6 +38,7 @@ COSINE_VARIANCE = 0.04  # squared cosine
 COSINE_SAMPLES = 30.0  # samples that this counts for
 LEAST_COSINE_VARIANCE = 0.004  # squared cosine
 COSINE_DECAY = 0.999  # what a unit of weight leaves of the past
+CLASS_SAMPLES = 20.0  # samples that those of all classes count for in those of one
 # How looks and backgrounds tell.
 SURE_PATCHES = 2.0  # sides of a mask in patches from which on looks count in full
 LEAST_LOOK_WEIGHT = 0.25  # of looks of smaller masks
@@ -178,12 +180,10 @@ def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Arra
 
 
 class Cosines(NamedTuple):
-    """Cosines of looks of other objects and of the same one."""
+    """Cosines of looks: first of other objects, then of the same one."""
 
-    other: Float[Array, ""]  # mean
-    same: Float[Array, ""]  # mean
-    other_variance: Float[Array, ""]
-    variance: Float[Array, ""]  # mean of both variances
+    mean: Float[Array, "2 *any"]
+    variance: Float[Array, "2 *any"]
 
 
 def calibrate(scene: Scene, t: th.Calibration) -> Cosines:
@@ -191,25 +191,32 @@ def calibrate(scene: Scene, t: th.Calibration) -> Cosines:
 
     Rule: method_plus.md#calibration.
     """
+    seen = jnp.stack([scene.cosine_weight, scene.cosine_sum, scene.cosine_squares])
+    assumed = Cosines(jnp.stack([t.other_mean, t.same_mean]), jnp.full(2, COSINE_VARIANCE))
+    # What was assumed fades like what was seen.
+    return _learn_from(seen, assumed, COSINE_SAMPLES * scene.faded, t)
 
-    def learned(kind: int, assumed: Array) -> tuple[Array, Array]:
-        # What was assumed fades like what was seen.
-        samples = COSINE_SAMPLES * scene.faded[kind]
-        weight = scene.cosine_weight[kind] + samples
-        mean = (scene.cosine_sum[kind] + assumed * samples) / weight
-        squared = scene.cosine_squares[kind] + (COSINE_VARIANCE + assumed**2) * samples
-        variance = squared / weight - mean**2
-        return mean, jnp.maximum(variance, LEAST_COSINE_VARIANCE)
 
-    other, other_variance = learned(0, t.other_mean)
-    same, same_variance = learned(1, t.same_mean)
-    on = t.enabled
-    return Cosines(
-        jnp.where(on, other, t.other_mean),
-        jnp.where(on, same, t.same_mean),
-        jnp.where(on, other_variance, COSINE_VARIANCE),
-        jnp.where(on, (other_variance + same_variance) / 2, COSINE_VARIANCE),
-    )
+def calibrate_class(scene: Scene, class_id: Int[Array, "X"], t: th.Calibration) -> Cosines:
+    """What they are like in each of these classes: as in the scene until much is seen of it."""
+    assumed = jax.tree.map(lambda leaf: leaf[:, None], calibrate(scene, t))
+    return _learn_from(scene.class_cosines[..., name_row(class_id)], assumed, CLASS_SAMPLES, t)
+
+
+def _learn_from(
+    seen: Float[Array, "3 2 *any"],
+    assumed: Cosines,
+    samples: Float[Array, "2"] | float,
+    t: th.Calibration,
+) -> Cosines:
+    """By weight, sum and sum of squares of what was seen, and as many samples of the assumed."""
+    mean, variance = assumed
+    weight, once, squares = seen
+    weight = weight + samples
+    found = (once + samples * mean) / weight
+    squared = squares + samples * (variance + mean**2)
+    spread = jnp.maximum(squared / weight - found**2, LEAST_COSINE_VARIANCE)
+    return Cosines(jnp.where(t.enabled, found, mean), jnp.where(t.enabled, spread, variance))
 
 
 def mix(
@@ -262,7 +269,7 @@ def shortlist(
     `waiting`: objects whose tracklet was missed and may resume.
     """
     moves = mobility(objects.speed, t.mobility)
-    looks = _look_evidence(cosine, sightings.patches, moves, scene, t)
+    looks = _look_evidence(cosine, here.class_id, sightings.patches, moves, scene, t)
     waited = here.duration >= t.decision.commit_age - SLACK
     evidence = OwnEvidence(
         looks=looks,
@@ -290,22 +297,24 @@ def shortlist(
 
 
 def look_odds_of(
-    cosine: Float[Array, "*any"], scene: Scene, t: th.PlusThresholds
-) -> Float[Array, "*any"]:
-    """Log odds that two looks of this cosine are of one object."""
-    usual = calibrate(scene, t.calibration)
-    slope = t.looks.gain * (usual.same - usual.other) / usual.variance
-    return slope * (cosine - (usual.same + usual.other) / 2)
+    cosine: Float[Array, "X Y"], class_id: Int[Array, "X"], scene: Scene, t: th.PlusThresholds
+) -> Float[Array, "X Y"]:
+    """Log odds that two looks of this cosine are of one object of a class."""
+    usual = calibrate_class(scene, class_id, t.calibration)
+    other, same = usual.mean[..., None]
+    slope = t.looks.gain * (same - other) / jnp.mean(usual.variance, axis=0)[:, None]
+    return slope * (cosine - (same + other) / 2)
 
 
 def _look_evidence(
     cosine: Float[Array, "N O"],
+    class_id: Int[Array, "N"],
     patches: Float[Array, "N"],
     moves: Float[Array, "O"],
     scene: Scene,
     t: th.PlusThresholds,
 ) -> Float[Array, "N O"]:
-    odds = look_odds_of(cosine, scene, t)
+    odds = look_odds_of(cosine, class_id, scene, t)
     # Looks of masks that hardly fill a patch are mostly background.
     weight = jnp.clip(patches / SURE_PATCHES, LEAST_LOOK_WEIGHT, 1.0)
     best = t.looks.best + moves * (MOBILE_BEST - t.looks.best)

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.control_flow import branch, count_up
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.class_names import vote
+from remind_jax.plus.class_names import name_row, vote
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import BORDER_ERROR, COSINE_DECAY
 from remind_jax.plus.observation import Sightings
@@ -29,7 +29,8 @@ from remind_jax.plus.plane import log_ratios, mean_sizes
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets
-from remind_jax.plus.whitening import whiten
+from remind_jax.plus.static import NAME_ROWS
+from remind_jax.plus.whitening import class_offset, whiten
 
 # Relations that are stored, by their spreads, object sizes.
 SPREAD_MAX = 4.0  # those that are less certain are not
@@ -210,7 +211,9 @@ def keep_looks(
         at, banks = before
         left = keeps & (index > at)
         at = jnp.min(jnp.where(left, index, len(slot) - 1))
-        return at, _keep_look(banks, scene, slot[at], read(at), jnp.any(left), t)
+        row = slot[at]
+        offset = class_offset(scene, objects.class_id[row])
+        return at, _keep_look(banks, scene, row, read(at), offset, jnp.any(left), t)
 
     banks = _Banks(objects.bank, objects.bank_count, objects.white_bank)
     banks = count_up(jnp.sum(keeps), keep, (jnp.int32(-1), banks), suits_all=True)[1]
@@ -224,12 +227,13 @@ def _keep_look(
     scene: Scene,
     row: Int[Array, ""],
     look: Float[Array, "D"],
+    offset: Float[Array, "D"],
     keeps: Bool[Array, ""],
     t: th.Memory,
 ) -> _Banks:
     """Adds a look to the bank of an object, into the nearest kept one where it is close."""
     count = banks.counts[row]
-    cosine = dot(banks.white[row], whiten(scene, look)[None])[:, 0]
+    cosine = dot(banks.white[row], whiten(scene, look - offset)[None])[:, 0]
     # A free place is taken by what is nowhere nearer than the novel may be.
     at = jnp.argmax(jnp.where(count > 0, cosine, t.novel)).astype(jnp.int32)
     is_joined = (jnp.arange(len(count)) == at) & (count > 0)
@@ -244,7 +248,7 @@ def _keep_look(
         value = jnp.where(keeps, value.astype(values.dtype), values[row, at])
         return lax.dynamic_update_slice(values, value[None, None], start)
 
-    return _Banks(*map(put, banks, (new, num + 1, whiten(scene, new))))
+    return _Banks(*map(put, banks, (new, num + 1, whiten(scene, new - offset))))
 
 
 def learn_cosines(
@@ -258,7 +262,7 @@ def learn_cosines(
     share: Float[Array, "N"],
     ticks: Int[Array, ""],
 ) -> Scene:
-    """Learns what cosines of the same and of other objects look like.
+    """Learns what cosines of the same and of other objects look like, in all and class by class.
 
     Rule: method_plus.md#calibration.
 
@@ -295,17 +299,21 @@ def learn_cosines(
     shares = jnp.where(row != NO_ROW, share[row], 0.0)
     weight = weight * jnp.maximum(share[:, None], shares[None, :])
 
-    def moments(weight: Array, value: Array) -> Float[Array, "3"]:
-        return jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=(1, 2))
+    def moments(weight: Array, value: Array) -> Float[Array, "3 *any"]:
+        return jnp.stack([weight, weight * value, weight * value**2])
 
-    is_other = jnp.arange(2)[:, None] == 0
-    new = jnp.where(is_other, moments(weight, cosine), moments(same_weight, same))
-    num, once, squares = new.T
+    others, own = moments(weight, cosine), jnp.sum(moments(same_weight, same), axis=1)
+    of_all = jnp.stack([jnp.sum(others, axis=(1, 2)), jnp.sum(own, axis=1)], axis=1)
+    num, once, squares = of_all
     fade = COSINE_DECAY**num
+    of_row = jnp.stack([jnp.sum(jnp.where(alike, others, 0.0), axis=2), own], axis=1)
+    is_of_class = name_row(here.class_id)[:, None] == jnp.arange(NAME_ROWS)
+    of_class = jnp.sum(jnp.where(is_of_class, of_row[..., None], 0.0), axis=2)
     return dataclasses.replace(
         scene,
         cosine_weight=scene.cosine_weight * fade + num,
         cosine_sum=scene.cosine_sum * fade + once,
         cosine_squares=scene.cosine_squares * fade + squares,
         faded=scene.faded * fade,
+        class_cosines=scene.class_cosines * COSINE_DECAY ** of_class[0] + of_class,
     )

@@ -99,7 +99,7 @@ def link_odds(cosine: Float[Array, "N T"], scene: Scene, t: th.Calibration) -> F
     own = jnp.maximum(squares / weight - mean**2, LEAST_COSINE_VARIANCE)
     same = _log_density(jnp.minimum(cosine - mean, 0.0), own)
     # What is even less alike than others are is no more like the same.
-    other = _log_density(jnp.maximum(cosine - usual.other, 0.0), usual.other_variance)
+    other = _log_density(jnp.maximum(cosine - usual.mean[0], 0.0), usual.variance[0])
     return jnp.minimum(same - other, 0.0)
 
 

@@ -3,7 +3,7 @@
 Rule: method_plus.md#recall.
 
 Letters: `Q` looks that are asked for, `L` looks in a block, `D` feature dimension, `E` directions
-that looks are compared in.
+that looks are compared in, `C` rows of classes.
 """
 
 from __future__ import annotations
@@ -37,36 +37,40 @@ class Whitener:
 
     matrix: Float[np.ndarray, "E D"]
     mean: Float[np.ndarray, "D"]
+    class_offset: Float[np.ndarray, "C D"]  # by which looks of a class differ from it
     learned: float  # looks that it was learned from
 
     @classmethod
     def of(cls, scene: Scene) -> Whitener:
         """That of a memory, which it outlives."""
-        learned = float(scene.within_weight)
-        return cls(np.array(scene.whitener), np.array(scene.white_mean), learned)
+        leaves = scene.whitener, scene.white_mean, scene.class_offset
+        return cls(*map(np.array, leaves), learned=float(scene.within_weight))
 
-    def whiten(self, looks: Float[np.ndarray, "*any D"]) -> Float[np.ndarray, "*any E"]:
-        """Looks as unit vectors; zeros for the mean of all."""
-        centered = looks - self.mean
+    def whiten(
+        self, looks: Float[np.ndarray, "*any D"], class_id: Int[np.ndarray, "*#any"] | int
+    ) -> Float[np.ndarray, "*any E"]:
+        """Looks of these classes as unit vectors; zeros for the mean of a class."""
+        centered = looks - self.mean - self.class_offset[class_id % len(self.class_offset)]
         centered[np.sum(centered**2, axis=-1) <= RESOLUTION**2] = 0.0
         white = centered @ self.matrix.T
         return white / np.maximum(np.linalg.norm(white, axis=-1, keepdims=True), 1e-12)
 
 
 class _Block:
-    """Looks side by side, whitened alike."""
+    """Looks of a class side by side, whitened alike."""
 
-    def __init__(self, size: int, whitener: Whitener) -> None:
+    def __init__(self, class_id: int, size: int, whitener: Whitener) -> None:
         dim, white = whitener.matrix.shape[1], whitener.matrix.shape[0]
         self.owner = np.full(size, NO_ID, np.int32)  # object of each; NO_ID in free rows
         self.look = np.zeros((size, dim), np.float32)
         self.white = np.zeros((size, white), np.float32)
-        self.whitener = whitener
+        self.class_id, self.whitener = class_id, whitener
 
     def renew(self, whitener: Whitener) -> None:
         """Whitens all of them anew."""
         if self.whitener is not whitener:
-            self.whitener, self.white = whitener, whitener.whiten(self.look)
+            self.whitener = whitener
+            self.white = whitener.whiten(self.look, self.class_id)
 
 
 class LookIndex:
@@ -91,7 +95,8 @@ class LookIndex:
     def add(self, owners: Sequence[Owner], whitener: Whitener) -> None:
         """Adds the looks of objects; `whitener` is how looks are whitened now."""
         whitener = self._follow(whitener)
-        white = whitener.whiten(np.concatenate([one.looks for one in owners]))
+        class_id = np.repeat([one.class_id for one in owners], [len(one.looks) for one in owners])
+        white = whitener.whiten(np.concatenate([one.looks for one in owners]), class_id)
         start = 0
         for owner in owners:
             end = start + len(owner.looks)
@@ -121,7 +126,7 @@ class LookIndex:
         whitener = self._follow(whitener)
         best_owner = np.full((len(looks), num), NO_ID, np.int32)
         best = np.full((len(looks), num), -1.0, np.float32)
-        whitened = {id(whitener): whitener.whiten(looks)}
+        whitened = {id(whitener): whitener.whiten(looks, class_id)}
         may_renew = True
         for one_class in np.unique(class_id).tolist():
             rows = np.flatnonzero(class_id == one_class)
@@ -132,7 +137,7 @@ class LookIndex:
                     may_renew = len(block.owner) < MAX_BLOCK  # of large ones, one at a time
                 key = id(block.whitener)
                 if key not in whitened:
-                    whitened[key] = block.whitener.whiten(looks)
+                    whitened[key] = block.whitener.whiten(looks, class_id)
                 cosine = whitened[key][rows] @ block.white.T
                 cosine[:, block.owner == NO_ID] = -1.0
                 cosines.append(cosine)
@@ -175,7 +180,8 @@ class LookIndex:
         while start < len(white):
             free = [] if block is None else np.flatnonzero(block.owner == NO_ID)
             if block is None or not len(free):
-                block = _Block(min(MAX_BLOCK, FIRST_BLOCK * 2 ** len(blocks)), whitener)
+                size = min(MAX_BLOCK, FIRST_BLOCK * 2 ** len(blocks))
+                block = _Block(owner.class_id, size, whitener)
                 blocks.append(block)
                 continue
             block.renew(whitener)

@@ -151,14 +151,16 @@ def _looks(
     """Whitened looks of some objects, and where those of each start."""
     banks = [side.objects[row].bank for row in rows.tolist()]
     starts = np.cumsum([0, *(len(bank) for bank in banks[:-1])])
-    return whitener.whiten(np.concatenate(banks)), starts
+    class_id = np.repeat(side.values("class_id")[rows], [len(bank) for bank in banks])
+    return whitener.whiten(np.concatenate(banks), class_id), starts
 
 
 def _own_evidence(
     here: Side, there: Side, candidates: _Candidates, scene: Scene, t: th.PlusThresholds
 ) -> Float[np.ndarray, "M C"]:
     """Log odds of looks, background and name of each candidate, less its rivals; else -inf."""
-    looks = np.asarray(look_odds_of(jnp.asarray(candidates.cosine), scene, t))
+    class_id = jnp.asarray(there.values("class_id"))
+    looks = np.asarray(look_odds_of(jnp.asarray(candidates.cosine), class_id, scene, t))
     looks = np.clip(looks, t.looks.worst, t.looks.best)
     rings = [_rings(side, np.asarray(scene.ring_mean)) for side in (here, there)]
     cosine = np.einsum("mcd,md->mc", rings[0][candidates.row], rings[1])

@@ -37,7 +37,7 @@ HALF_SPEED = 0.02  # of one that is by half one that moves, length
 FORGETTING = 2.0  # errors of places and relations grow by this times the speed
 STAYING = 2.0  # power of one less the mobility, by which it is believed where an object was left
 STAYING_PRIOR = 2.0  # objects at rest that each class is assumed to have
-LEAVING = 4.0  # the same, by which the background counts in a look
+LEAVING = 4.0  # the same, by which its background and its class count in a look
 
 
 def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
@@ -152,12 +152,12 @@ def mobility(speed: Float[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
 
 
 def staying_of_class(
-    class_id: Int[Array, "N"], objects: Objects, t: th.Mobility
+    class_id: Int[Array, "N"], objects: Objects, t: th.Mobility, power: float = STAYING
 ) -> Float[Array, "N"]:
     """How far objects of a class stay where they are while nobody looks, (0, 1]."""
     alike = objects.exists & (class_id[:, None] == objects.class_id)
     moves = jnp.sum(jnp.where(alike, mobility(objects.speed, t), 0.0), axis=1)
-    return (1.0 - moves / (jnp.sum(alike, axis=1) + STAYING_PRIOR)) ** STAYING
+    return (1.0 - moves / (jnp.sum(alike, axis=1) + STAYING_PRIOR)) ** power
 
 
 def staying(objects: Objects, t: th.Mobility) -> Float[Array, "O"]:

@@ -168,7 +168,7 @@ class ObjectsAtRest:
             return []
         looks = sightings.look[rows[of_row]]
         found, cosine = self.archive.looks.search(looks, class_id, whitener, NUM_ASKED)
-        present = whitener.whiten(looks) @ bank.reshape(-1, bank.shape[-1]).T
+        present = whitener.whiten(looks, class_id) @ bank.reshape(-1, bank.shape[-1]).T
         same = filled & (class_id[:, None, None] == np.asarray(state.objects.class_id)[:, None])
         here = np.max(np.where(same.reshape(len(looks), -1), present, -1.0), axis=1)
         best = np.full(len(rows), -1.0, np.float32)
@@ -267,6 +267,7 @@ def _followed(state: PlusState, sightings: Any, matrix: np.ndarray) -> Bool[np.n
     if not goes_on.any():
         return goes_on.any(axis=1)
     whitener = Whitener.of(state.scene)
-    white = whitener.whiten(np.concatenate([sightings.look, tracklets.look[rows]]))
+    looks = np.concatenate([sightings.look, tracklets.look[rows]])
+    white = whitener.whiten(looks, np.concatenate([sightings.class_id, tracklets.class_id[rows]]))
     num = len(sightings.look)
     return (goes_on & (white[:num] @ white[num:].T > FOLLOWED_COSINE)).any(axis=1)

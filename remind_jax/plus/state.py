@@ -2,7 +2,7 @@
 
 Letters: `O` object slots, `K` kept looks per object, `D` feature dimension, `E` directions that
 looks are compared in, `T` tracklets (those of this frame's `N` detections first), `F` frames from
-one renewal of the whitening to the next.
+one renewal of the whitening to the next, `L` rows of classes.
 Lengths are in frame units. Ids, never slots, are shown outside.
 """
 
@@ -144,12 +144,14 @@ class Scene:
     basis: Float[Array, "D E"]  # orthonormal, main directions of the total scatter
     whitener: Float[Array, "E D"]
     white_mean: Float[Array, "D"]  # subtracted before whitening
+    class_offset: Float[Array, "L D"]  # by which looks of a class differ from it
     # Cosines so far, first of other objects, then of the same, and how much is left of what was
     # assumed about them, [0, 1].
     cosine_weight: Float[Array, "2"]
     cosine_sum: Float[Array, "2"]
     cosine_squares: Float[Array, "2"]
     faded: Float[Array, "2"]
+    class_cosines: Float[Array, "3 2 L"]  # weights, sums and sums of squares, class by class
     # Cosines of looks of one object in two frames: their weight, sum, and sum of squares.
     links: Float[Array, "3"]
     names: Float[Array, "L L"]  # times that a tracklet of one class went on as another
@@ -299,10 +301,12 @@ def _unknown_scene(static: Static) -> Scene:
         basis=cast(Array, _any_basis(dim, white)),
         whitener=eye(white, dim),
         white_mean=_real(dim),
+        class_offset=_real(NAME_ROWS, dim),
         cosine_weight=_real(2),
         cosine_sum=_real(2),
         cosine_squares=_real(2),
         faded=_real(2, value=1.0),
+        class_cosines=_real(3, 2, NAME_ROWS),
         links=_real(3),
         names=_real(NAME_ROWS, NAME_ROWS),
         speed=_real(),

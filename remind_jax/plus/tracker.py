@@ -68,7 +68,13 @@ from remind_jax.plus.slots import NO_ROW, absorb, create_objects, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Verdicts, no_verdicts
-from remind_jax.plus.whitening import learn_scatter, renew_whitening, share_of, whiten
+from remind_jax.plus.whitening import (
+    class_offset,
+    learn_scatter,
+    renew_whitening,
+    share_of,
+    whiten,
+)
 from remind_jax.static import Static
 
 __all__ = ["advance", "init"]
@@ -195,13 +201,14 @@ def _advance(
     scene = learn_names(
         scene, state.tracklets.class_id[before], sightings.class_id, jnp.where(goes_on, share, 0.0)
     )
-    scene, objects = renew_whitening(scene, objects, frame, t.looks)
+    scene, objects = renew_whitening(scene, objects, frame, t)
     # What could every open tracklet be?
     rows = find_rows(here, sightings.valid, t.decision)
     visible = sightings.valid & (here.slot != NO_SLOT)
     holder = rows_of(tracklets.slot, tracklets.alive, static.num_objects)
     held, waiting = (holder != NO_ROW) & (holder < num), holder >= num
-    white = whiten(scene, jnp.stack([here.look, here.first_look]))
+    looks = jnp.stack([here.look, here.first_look])
+    white = whiten(scene, looks - class_offset(scene, here.class_id))
     cosine = best_cosine(white[0], objects)
 
     def weigh() -> tuple[Shortlist, Weighed]:
@@ -223,7 +230,7 @@ def _advance(
     answered = jnp.where(choice.slot != NO_SLOT, choice.slot, here.slot)
     moves = mobility_of(answered, objects, t.mobility)
     decisions = report(
-        verdicts, weighed.belief, moves, here, present, sightings, static, t.decision
+        verdicts, weighed.belief, moves, stays, here, present, sightings, static, t.decision
     )
     reason = jnp.where(second, int(Reason.DOUBLE), decisions.reason)
     decisions = dataclasses.replace(decisions, reason=reason)

@@ -3,10 +3,12 @@
 Rule: method_plus.md#whitening.
 
 What varies within a tracklet (light, view, blur) says little about identity. Looks are compared by
-cosine after whitening with the scatter within tracklets, in the main directions of all looks.
+cosine after whitening with the scatter within tracklets, in the main directions of all looks. What
+objects of a class have in common says little as well: looks are compared about the mean of their
+class.
 
 Letters: `N` detections, `D` feature dimension, `E` compared directions, `F` frames from one renewal
-to the next.
+to the next, `L` rows of classes.
 """
 
 from __future__ import annotations
@@ -23,10 +25,12 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import count_up
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
+from remind_jax.plus.class_names import name_row
 from remind_jax.plus.observation import Sightings
+from remind_jax.plus.own_movement import LEAVING, staying_of_class
 from remind_jax.plus.small_matrices import diagonal, orthonormalize, root_of_inverse
 from remind_jax.plus.state import SUMMED, Objects, Scene, Tracklets
-from remind_jax.plus.static import REFRESH_FRAMES
+from remind_jax.plus.static import NAME_ROWS, REFRESH_FRAMES
 
 EAGER_FRAMES = 5  # the whitening is renewed in each of the first frames
 _TINY = 1e-9
@@ -42,6 +46,12 @@ PRIOR_ROUND = 0.7  # part of it that is equal in all directions
 # What is added to the scatter within tracklets.
 RIDGE = 0.1  # of its mean variance, in all directions
 TOTAL_SHARE = 0.02  # share of the total scatter
+CLASS_PRIOR = 3.0  # objects of a class beyond the first that its mean is believed half from
+
+
+def class_offset(scene: Scene, class_id: Int[Array, "*any"]) -> Float[Array, "*any D"]:
+    """What looks of these classes are compared less, beside the mean of all."""
+    return scene.class_offset[name_row(class_id)]
 
 
 def whiten(scene: Scene, looks: Float[Array, "*any D"]) -> Float[Array, "*any E"]:
@@ -118,7 +128,7 @@ def _weighed(weight: Float[Array, "N"], values: Float[Array, "N D"]) -> Float[Ar
 
 
 def renew_whitening(
-    scene: Scene, objects: Objects, frame: Int[Array, ""], t: th.Looks
+    scene: Scene, objects: Objects, frame: Int[Array, ""], t: th.PlusThresholds
 ) -> tuple[Scene, Objects]:
     """Every third frame: sums up the scatters and whitens anew, what is remembered included."""
     due = (frame < EAGER_FRAMES) | (frame % REFRESH_FRAMES == 0)
@@ -127,9 +137,18 @@ def renew_whitening(
     def renew(_: Array, before: _Whitening) -> _Whitening:
         total = sum_up(before.total, scene.recent_looks, scene.looks_fade)
         within = sum_up(before.within, scene.recent_steps, scene.steps_fade)
-        renewed = _refit(dataclasses.replace(scene, total=total, within=within), t)
-        white = jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, objects.bank), 0.0)
-        return _Whitening(total, within, renewed.basis, renewed.whitener, renewed.white_mean, white)
+        renewed = _refit(dataclasses.replace(scene, total=total, within=within), t.looks)
+        renewed = dataclasses.replace(renewed, class_offset=_offset_classes(objects, renewed, t))
+        banks = objects.bank - class_offset(renewed, objects.class_id)[:, None]
+        return _Whitening(
+            total,
+            within,
+            renewed.basis,
+            renewed.whitener,
+            renewed.white_mean,
+            renewed.class_offset,
+            jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, banks), 0.0),
+        )
 
     # Only what is made anew is handed on, and by a loop of one turn or none: a branch would copy
     # what stays.
@@ -139,6 +158,7 @@ def renew_whitening(
         scene.basis,
         scene.whitener,
         scene.white_mean,
+        scene.class_offset,
         objects.white_bank,
     )
     now = count_up(due.astype(jnp.int32), renew, before)
@@ -152,6 +172,7 @@ def renew_whitening(
             basis=now.basis,
             whitener=now.whitener,
             white_mean=now.white_mean,
+            class_offset=now.class_offset,
         ),
         dataclasses.replace(objects, white_bank=now.white_bank),
     )
@@ -165,6 +186,7 @@ class _Whitening(NamedTuple):
     basis: Float[Array, "D E"]
     whitener: Float[Array, "E D"]
     white_mean: Float[Array, "D"]
+    class_offset: Float[Array, "L D"]
     white_bank: Float[Array, "O K E"]
 
 
@@ -202,6 +224,24 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
         whitener=whitener,
         white_mean=jnp.where(usable, scene.mean, scene.white_mean),
     )
+
+
+def _offset_classes(objects: Objects, scene: Scene, t: th.PlusThresholds) -> Float[Array, "L D"]:
+    """By how much the mean of a class differs from that of all, the more objects it has the more.
+
+    The looks of a single object say nothing about its class. The more a class moves, the less it
+    is compared about its mean.
+    """
+    kept = objects.exists[:, None] & (objects.bank_count > 0)
+    looks = jnp.sum(jnp.where(kept[..., None], objects.bank - scene.white_mean, 0.0), axis=1)
+    looks = looks / jnp.maximum(jnp.sum(kept, axis=1), 1)[:, None]
+    looks *= staying_of_class(objects.class_id, objects, t.mobility, LEAVING)[:, None]
+    is_of_class = name_row(objects.class_id) == jnp.arange(NAME_ROWS)[:, None]
+    is_of_class &= jnp.any(kept, axis=1)
+    num = jnp.sum(is_of_class, axis=1, dtype=looks.dtype)[:, None]
+    total = jnp.matmul(is_of_class.astype(looks.dtype), looks, precision="highest")
+    others = jnp.maximum(num - 1.0, 0.0)
+    return others / (others + CLASS_PRIOR) * total / jnp.maximum(num, 1.0)
 
 
 def sum_up(

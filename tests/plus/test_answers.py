@@ -14,7 +14,7 @@ from remind_jax.plus.verdicts import no_verdicts
 from tests.plus.frames import STATIC, T, detections, tracklets_of
 
 KNOWN, OTHER, OWN = 2, 3, 7
-_report = jax.jit(report, static_argnums=6)
+_report = jax.jit(report, static_argnames="static")
 
 
 def report_one(
@@ -25,6 +25,7 @@ def report_one(
     named=False,
     valid=True,
     moves=0.0,
+    stays=1.0,
     size=1.0,
     trust=1.0,
 ):
@@ -59,8 +60,8 @@ def report_one(
         trust=np.full(3, trust, np.float32),
     )
     present = np.array([True, False, False])
-    moving = first(np.zeros(3, np.float32), moves)
-    return _report(verdicts, beliefs, moving, here, present, seen, STATIC, T.decision)
+    moving, staying = first(np.zeros(3, np.float32), moves), first(np.ones(3, np.float32), stays)
+    return _report(verdicts, beliefs, moving, staying, here, present, seen, STATIC, T.decision)
 
 
 def test_a_probable_answer_is_firm_before_it_is_decided():
@@ -123,6 +124,15 @@ def test_less_is_claimed_of_what_moves_once_it_is_decided():
     assert 0.5 < moving < still - 0.02
     still, moving = (report_one([0.99, 0.0], moves=moves).confidence[0] for moves in (0.0, 0.8))
     assert moving == still, "what is open may still be corrected"
+
+
+def test_less_is_claimed_of_one_whose_class_moves_once_it_is_decided():
+    (apart, among), open_ones = (
+        [report_one([0.99, 0.0], decided=decided, stays=stays).confidence[0] for stays in (1, 0.3)]
+        for decided in (True, False)
+    )
+    assert 0.5 < among < apart - 0.02
+    assert open_ones[0] == open_ones[1]
 
 
 def test_a_mask_without_usable_features_is_dropped():

@@ -13,7 +13,7 @@ from remind_jax.plus.archive import MAX_PARTNERS, Archive
 from remind_jax.plus.look_index import LookIndex, Owner, Whitener
 from remind_jax.plus.recall import ObjectsAtRest, _names_of
 from remind_jax.plus.state import UNRELATED, init
-from remind_jax.plus.whitening import whiten
+from remind_jax.plus.whitening import class_offset, whiten
 from remind_jax.static import Static
 
 STATIC = Static(num_detections=4, num_objects=32, feature_dim=6)
@@ -133,7 +133,8 @@ def test_what_an_open_tracklet_is_answered_as_does_not_rest():
 
 def test_search_is_exact_however_looks_came_and_went():
     rng = np.random.default_rng(1)
-    whitener = Whitener(np.eye(4, 6, dtype=np.float32), np.zeros(6, np.float32), 10.0)
+    none = np.zeros((8, 6), np.float32)
+    whitener = Whitener(np.eye(4, 6, dtype=np.float32), none[0], none, 10.0)
     index, looks, classes = LookIndex(), {}, {}
     for owner in range(400):
         looks[owner] = rng.normal(size=(rng.integers(1, 9), 6)).astype(np.float32)
@@ -143,14 +144,15 @@ def test_search_is_exact_however_looks_came_and_went():
             gone = owner - int(rng.integers(0, 2))
             index.remove(gone)
             del looks[gone], classes[gone]
-    changed = Whitener(rng.normal(size=(4, 6)).astype("f4"), rng.normal(size=6).astype("f4"), 99.0)
+    leaves = (rng.normal(size=size).astype("f4") for size in ((4, 6), 6, (8, 6)))
+    changed = Whitener(*leaves, learned=99.0)
     asked = rng.normal(size=(5, 6)).astype(np.float32)
     for _ in range(40):  # one large block is whitened anew at a time
         found, cosine = index.search(asked, np.array([0, 1, 2, 0, 7]), changed, 3)
     for row, one_class in enumerate([0, 1, 2, 0]):
-        white = changed.whiten(asked[row])
+        white = changed.whiten(asked[row], one_class)
         best = {
-            owner: float(np.max(changed.whiten(looks[owner]) @ white))
+            owner: float(np.max(changed.whiten(looks[owner], one_class) @ white))
             for owner in looks
             if classes[owner] == one_class
         }
@@ -173,10 +175,14 @@ def test_looks_are_whitened_on_the_host_as_in_the_step():
     rng = np.random.default_rng(2)
     matrix = rng.normal(size=EMPTY.scene.whitener.shape).astype(np.float32)
     mean = rng.normal(size=6).astype(np.float32)
-    scene = dataclasses.replace(EMPTY.scene, whitener=matrix, white_mean=mean)
+    offset = rng.normal(size=EMPTY.scene.class_offset.shape).astype(np.float32)
+    scene = dataclasses.replace(EMPTY.scene, whitener=matrix, white_mean=mean, class_offset=offset)
     looks = rng.normal(size=(5, 6)).astype(np.float32)
+    class_id = np.array([0, 3, 3, len(offset) + 1, 95])
+    on_host = Whitener.of(scene).whiten(looks, class_id)
     # Sums of another order.
-    np.testing.assert_allclose(Whitener.of(scene).whiten(looks), whiten(scene, looks), atol=1e-5)
+    expected = whiten(scene, looks - class_offset(scene, class_id))
+    np.testing.assert_allclose(on_host, expected, atol=1e-5)
 
 
 @pytest.mark.slow

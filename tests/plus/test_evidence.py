@@ -143,7 +143,8 @@ def test_what_ends_undecided_as_new_is_remembered():
 
 def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():
     scene = empty_state().scene
-    start = T.calibration.other_mean, T.calibration.same_mean, *[evidence.COSINE_VARIANCE] * 2
+    means = T.calibration.other_mean, T.calibration.same_mean
+    start = means, [evidence.COSINE_VARIANCE] * 2
     np.testing.assert_allclose(calibrate(scene, T.calibration), start, rtol=1e-4)
     much = dataclasses.replace(
         scene,
@@ -151,7 +152,13 @@ def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():
         cosine_sum=1e4 * jnp.array([0.5, 0.9]),
         cosine_squares=1e4 * jnp.array([0.26, 0.82]),
     )
-    np.testing.assert_allclose(calibrate(much, T.calibration), [0.5, 0.9, 0.01, 0.01], atol=2e-3)
+    known = [[0.5, 0.9], [0.01, 0.01]]
+    np.testing.assert_allclose(calibrate(much, T.calibration), known, atol=2e-3)
+    seen = 1e4 * jnp.array([[1.0, 1.0], [-0.2, 0.4], [0.06, 0.18]])
+    one = dataclasses.replace(much, class_cosines=much.class_cosines.at[..., 5].set(seen))
+    of_class = jax.jit(evidence.calibrate_class)(one, jnp.array([5, 4]), T.calibration)
+    np.testing.assert_allclose(np.array(of_class)[..., 0], [[-0.2, 0.4], [0.02, 0.02]], atol=2e-3)
+    np.testing.assert_allclose(np.array(of_class)[..., 1], known, atol=2e-3)
 
 
 def test_a_displacement_never_says_more_against_than_being_elsewhere():

@@ -31,13 +31,13 @@ def learned(frames: int = 61):
         step = jnp.asarray(wander, jnp.float32)
         scene = learn_scatter(scene, seen, step, jnp.ones(3, bool), FULL, frame)
         if frame < frames - 1:
-            scene, _ = renew_whitening(scene, state.objects, frame, T.looks)
+            scene, _ = renew_whitening(scene, state.objects, frame, T)
     return scene
 
 
 def test_what_varies_within_tracklets_counts_less():
     state = empty_state()
-    scene, _ = renew_whitening(learned(), state.objects, jnp.int32(60), T.looks)
+    scene, _ = renew_whitening(learned(), state.objects, jnp.int32(60), T)
     base = whiten(scene, jnp.asarray(KIND, jnp.float32))
     by_light = whiten(scene, jnp.asarray(KIND + 0.5 * LIGHT, jnp.float32))
     by_kind = whiten(scene, jnp.asarray(0.5 * KIND + 0.5 * LIGHT, jnp.float32))
@@ -49,11 +49,28 @@ def test_what_varies_within_tracklets_counts_less():
 
 def test_what_is_remembered_is_whitened_anew_when_it_is_due():
     objects = objects_of([KIND])
-    scene, renewed = renew_whitening(learned(), objects, jnp.int32(60), T.looks)
+    scene, renewed = renew_whitening(learned(), objects, jnp.int32(60), T)
     np.testing.assert_allclose(renewed.white_bank[0, 0], whiten(scene, objects.bank[0, 0]))
-    same, unchanged = renew_whitening(learned(), objects, jnp.int32(61), T.looks)
+    same, unchanged = renew_whitening(learned(), objects, jnp.int32(61), T)
     np.testing.assert_array_equal(unchanged.white_bank, objects.white_bank)
     np.testing.assert_array_equal(same.whitener, learned().whitener)
+
+
+def test_looks_are_compared_about_the_mean_of_their_class_as_far_as_it_stays():
+    """Three of one class with something in common, and one of another class."""
+    kinds = KIND + 0.3 * np.array([[1, 0, 0], [-1, 0, 1], [0, 0, -1]])
+    objects = objects_of([*kinds, LIGHT], class_id=jnp.array([2, 2, 2, 7]))
+    scene = dataclasses.replace(learned(), white_mean=jnp.zeros(3), mean=jnp.zeros(3))
+    scene, renewed = renew_whitening(scene, objects, jnp.int32(60), T)
+    believed = 2 / (2 + whitening.CLASS_PRIOR)
+    # Sums of another order.
+    np.testing.assert_allclose(scene.class_offset[2], believed * KIND, atol=1e-6)
+    np.testing.assert_array_equal(scene.class_offset[7], np.zeros(3))  # a single object
+    expected = whiten(scene, jnp.asarray(kinds - believed * KIND, jnp.float32))
+    np.testing.assert_allclose(renewed.white_bank[:3, 0], expected, atol=1e-6)
+    moving = dataclasses.replace(objects, speed=jnp.full(len(objects.id), 1.0))
+    scene, _ = renew_whitening(scene, moving, jnp.int32(63), T)
+    assert np.linalg.norm(scene.class_offset[2]) < 0.1 * believed
 
 
 def test_scatters_are_the_sums_over_all_frames_however_late_they_are_summed():
@@ -67,7 +84,7 @@ def test_scatters_are_the_sums_over_all_frames_however_late_they_are_summed():
         around, moved = looks - np.asarray(scene.mean), step[np.asarray(linked)]
         total = total * whitening.SCATTER_DECAY**3 + around.T @ around
         within = within * whitening.SCATTER_DECAY ** len(moved) + moved.T @ moved
-        scene, _ = renew_whitening(scene, state.objects, frame, T.looks)
+        scene, _ = renew_whitening(scene, state.objects, frame, T)
     np.testing.assert_allclose(scene.total, total, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(scene.within, within, rtol=1e-4, atol=1e-4)
 
@@ -114,7 +131,7 @@ def test_directions_that_no_look_spans_yet_are_not_those_of_rounding():
             seen = detections(np.zeros((num, 2)), shown, ring=np.zeros_like(looks))
             steps = jnp.asarray(shown - looks, jnp.float32)
             scene = learn_scatter(scene, seen, steps, jnp.ones(num, bool), FULL, frame)
-            scene, _ = renew_whitening(scene, state.objects, frame, T.looks)
+            scene, _ = renew_whitening(scene, state.objects, frame, T)
         return np.asarray(whiten(scene, new) @ whiten(scene, new).T)
 
     # 1e-6 is some ten units of rounding; were it to choose the directions, 2e-3 would come of it.
