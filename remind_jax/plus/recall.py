@@ -100,14 +100,14 @@ class ObjectsAtRest:
         if not asked.any():
             return None
         self._center = np.asarray(sightings.frame_center)
-        wanted = self._wanted(state, sightings, np.flatnonzero(asked))
+        wanted, alike = self._wanted(state, sightings, np.flatnonzero(asked))
         if not wanted:
             return None
         state = jax.device_get(state)
         exists = int((state.objects.id != NO_ID).sum())
         open_ones = int((state.tracklets.alive & (state.tracklets.slot == NO_SLOT)).sum())
         free = static.num_objects - exists - open_ones - int(sightings.valid.sum())
-        idle = self._idle(state)
+        idle = [slot for slot in self._idle(state) if not alike[slot]]
         most = min(free + len(idle), static.num_objects // MOST_SHARE)
         wanted = wanted[: max(0, most)]
         if not wanted:
@@ -153,8 +153,13 @@ class ObjectsAtRest:
         """
         self.archive = Archive.restored(parts, state, num_classes)
 
-    def _wanted(self, state: PlusState, sightings: Any, rows: Int[np.ndarray, "Q"]) -> list[int]:
-        """Ids of objects at rest by falling promise: what looks alike first, then its partners."""
+    def _wanted(
+        self, state: PlusState, sightings: Any, rows: Int[np.ndarray, "Q"]
+    ) -> tuple[list[int], Bool[np.ndarray, "O"]]:
+        """Ids of objects at rest by falling promise, and slots of objects that look alike as well.
+
+        What looks alike comes first, then its partners.
+        """
         whitener = Whitener.of(state.scene)
         votes: dict[int, float] = {}
         alike: dict[int, float] = {}
@@ -165,15 +170,16 @@ class ObjectsAtRest:
         known = self.archive.looks.class_ids
         of_row, class_id = _names_of(sightings.class_id[rows], known, np.asarray(state.scene.names))
         if not len(of_row):
-            return []
+            return [], np.zeros(len(bank), bool)
         looks = sightings.look[rows[of_row]]
         found, cosine = self.archive.looks.search(looks, class_id, whitener, NUM_ASKED)
         present = whitener.whiten(looks, class_id) @ bank.reshape(-1, bank.shape[-1]).T
         same = filled & (class_id[:, None, None] == np.asarray(state.objects.class_id)[:, None])
-        here = np.max(np.where(same.reshape(len(looks), -1), present, -1.0), axis=1)
+        present = np.where(same, present.reshape(same.shape), -1.0).max(axis=2)
         best = np.full(len(rows), -1.0, np.float32)
-        np.maximum.at(best, of_row, np.maximum(here, cosine[:, 0]))
-        comes = (cosine > plausible) & (cosine > best[of_row, None] - BEHIND)
+        np.maximum.at(best, of_row, np.maximum(present.max(axis=1), cosine[:, 0]))
+        least = np.maximum(plausible, best[of_row, None] - BEHIND)
+        comes = cosine > least
         for one, value in zip(found[comes].tolist(), cosine[comes].tolist(), strict=True):
             alike[one] = max(alike.get(one, -1.0), value)
         for one, value in alike.items():
@@ -183,7 +189,8 @@ class ObjectsAtRest:
                     votes[beside] = votes.get(beside, 0.0) + value * float(partner["covisible"])
         company = [one for one in votes if one in self.archive and one not in alike]
         first = sorted(alike, key=lambda one: -alike[one])
-        return [*first, *sorted(company, key=lambda one: -votes[one])]
+        wanted = [*first, *sorted(company, key=lambda one: -votes[one])]
+        return wanted, np.any(present > least, axis=0)
 
     def _idle(self, state: PlusState) -> list[int]:
         """Slots of objects that no tracklet holds, those that were longest not needed first.

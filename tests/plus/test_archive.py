@@ -1,6 +1,7 @@
 """Objects at rest: copied both ways without loss, and found again by their looks."""
 
 import dataclasses
+import types
 
 import jax
 import numpy as np
@@ -15,6 +16,7 @@ from remind_jax.plus.recall import ObjectsAtRest, _names_of
 from remind_jax.plus.state import UNRELATED, init
 from remind_jax.plus.whitening import class_offset, whiten
 from remind_jax.static import Static
+from tests.plus.frames import detections
 
 STATIC = Static(num_detections=4, num_objects=32, feature_dim=6)
 EMPTY = jax.device_get(init(STATIC))
@@ -129,6 +131,29 @@ def test_what_an_open_tracklet_is_answered_as_does_not_rest():
     state.answers.answer_id[1] = state.objects.id[2]
     rested = ObjectsAtRest().rest(state, STATIC, 6)
     assert rested.objects.id[rested.objects.id >= 0].tolist() == [state.objects.id[2]]
+
+
+def test_what_looks_like_a_detection_makes_no_room_for_others():
+    num, others = STATIC.num_objects, remembered(3)
+    state = remembered(num)
+    state = dataclasses.replace(state, frame=np.int32(100), next_id=np.int32(9 * num))
+    state.scene.white_mean[:], state.objects.position[:] = 0.0, 100.0
+    longest = int(np.argmin(state.objects.last))
+    at_rest = ObjectsAtRest()
+    others.objects.id[:3] += 3 * num
+    for objects in (state.objects, others.objects):
+        objects.class_id[objects.id >= 0] = 0
+        objects.bank[..., :] = np.eye(6)[0]
+    state.objects.bank[longest], others.objects.bank[1] = np.eye(6)[1], np.eye(6)[2]
+    state.objects.white_bank[:] = state.objects.bank
+    at_rest.archive.rest(dataclasses.replace(others, scene=state.scene), EMPTY, range(3))
+    seen = types.SimpleNamespace(
+        sightings=detections(np.zeros((2, 2)), np.eye(6)[1:3]),
+        motion=types.SimpleNamespace(matrix=np.eye(2, 3)),
+    )
+    now = at_rest.recall(state, seen, STATIC).objects.id.tolist()
+    assert others.objects.id[1] in now
+    assert state.objects.id[longest] in now
 
 
 def test_search_is_exact_however_looks_came_and_went():
