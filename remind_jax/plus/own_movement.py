@@ -154,7 +154,10 @@ def mobility(speed: Float[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
 def staying_of_class(
     class_id: Int[Array, "N"], objects: Objects, t: th.Mobility, power: float = STAYING
 ) -> Float[Array, "N"]:
-    """How far objects of a class stay where they are while nobody looks, (0, 1]."""
+    """How far objects of a class stay where they are while nobody looks, (0, 1].
+
+    `power`: of one less their mobility.
+    """
     alike = objects.exists & (class_id[:, None] == objects.class_id)
     moves = jnp.sum(jnp.where(alike, mobility(objects.speed, t), 0.0), axis=1)
     return (1.0 - moves / (jnp.sum(alike, axis=1) + STAYING_PRIOR)) ** power
