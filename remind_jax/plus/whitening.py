@@ -5,7 +5,7 @@ Rule: method_plus.md#whitening.
 What varies within a tracklet (light, view, blur) says little about identity. Looks are compared by
 cosine after whitening with the scatter within tracklets, in the main directions of all looks. What
 objects of a class have in common says little as well: looks are compared about the mean of their
-class.
+class, as far as that stays where it is.
 
 Letters: `N` detections, `D` feature dimension, `E` compared directions, `F` frames from one renewal
 to the next, `L` rows of classes.

@@ -159,6 +159,9 @@ def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():
     of_class = jax.jit(evidence.calibrate_class)(one, jnp.array([5, 4]), T.calibration)
     np.testing.assert_allclose(np.array(of_class)[..., 0], [[-0.2, 0.4], [0.02, 0.02]], atol=2e-3)
     np.testing.assert_allclose(np.array(of_class)[..., 1], known, atol=2e-3)
+    off = dataclasses.replace(T.calibration, enabled=jnp.array(False))
+    of_class = jax.jit(evidence.calibrate_class)(one, jnp.array([5]), off)
+    np.testing.assert_allclose(np.array(of_class)[..., 0], start, rtol=1e-6)
 
 
 def test_a_displacement_never_says_more_against_than_being_elsewhere():
