@@ -1,4 +1,4 @@
-"""What memory files of schema 7 hold side by side in one array, in the order of its columns."""
+"""How leaves of memory files of earlier versions differ from those of now."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from remind_jax.numerics.absent import NO_ID
 
+# What schema 7 holds side by side in one array, in the order of its columns.
 # Name of the array: the axis that its columns lie along, and the leaf that each of them is now.
 COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
     name: (axis, tuple(f"{record}.{leaf}" for leaf in leaves.split()))
@@ -36,6 +37,9 @@ COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
         ("verdicts.option_reals", -1, "", ""),
     )
 }
+
+# Leaves that had fewer places along their second axis.
+LENGTHENED = ("objects.bank", "objects.bank_count", "objects.white_bank")
 
 # Leaves that came later, and what they were then by the others; None: as in an empty memory.
 NEW_LEAVES: dict[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] = {

@@ -8,7 +8,7 @@ from remind_jax.static import Static
 NUMBER = 4  # bytes
 # Numbers that are held at once, of the memory and of what a frame needs for the time being.
 PAIR_OF_OBJECTS = 9  # six are kept
-OF_OBJECT_AND_DETECTION = 10  # cosines with each kept look, and what is made of them
+OF_OBJECT_AND_DETECTION = BANK_SLOTS + 2  # cosines with each kept look, and what is made of them
 PAIR_OF_FEATURES = 6  # two scatters, and what three frames add to one
 PAIR_OF_DETECTIONS = 12  # each detection with the four tracklets of each slot
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.observation import AnyFeats, Masks
-from remind_jax.plus.earlier_files import COLUMNS, NEW_LEAVES
+from remind_jax.plus.earlier_files import COLUMNS, LENGTHENED, NEW_LEAVES
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
@@ -82,6 +82,7 @@ METHOD = Method(
         find_faults=find_faults,
         columns=COLUMNS,
         new_leaves=NEW_LEAVES,
+        lengthened=LENGTHENED,
         at_rest=ObjectsAtRest,
         join=join,
         count_bytes=count_bytes,

@@ -6,7 +6,7 @@ from remind_jax.static import Static
 
 WAITING = 3  # tracklets that may wait for one, per detection slot; the latest of them
 COMPARED_DIM = 64  # looks are compared in at most this many main directions
-BANK_SLOTS = 8  # remembered looks per object
+BANK_SLOTS = 16  # remembered looks per object
 NUM_CANDIDATES = 8  # objects that an open tracklet is compared with at length
 NAME_ROWS = 96  # rows of what is learned of confused class names; classes beyond share rows
 CLASS_ROWS = 32  # rows of what is learned class by class; classes beyond share rows

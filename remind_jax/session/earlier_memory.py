@@ -27,7 +27,8 @@ def as_now(
 ) -> dict[str, np.ndarray]:
     """The tensors of a file by the names of the leaves of a memory.
 
-    Leaves that there were not yet are what the others say, else as in an empty memory.
+    Leaves that there were not yet are what the others say, else as in an empty memory; places that
+    there were not yet are zero.
 
     Args:
       leaves: Shapes and types of all leaves.
@@ -40,6 +41,11 @@ def as_now(
         found = {name: one for name, one in found.items() if not name.startswith("decisions.")}
         blank = named_leaves(no_decisions(static))
         found |= {f"decisions.{name}": np.asarray(leaf) for name, leaf in blank}
+    for name in method.host.lengthened:
+        if name in found and found[name].ndim == leaves[name].ndim:
+            lacking = max(0, leaves[name].shape[1] - found[name].shape[1])
+            widths = [(0, lacking if axis == 1 else 0) for axis in range(found[name].ndim)]
+            found[name] = np.pad(found[name], widths)
     if missing := [name for name in method.host.new_leaves if name not in found]:
         empty = dict(named_leaves(method.make_empty(static)))
         for name in missing:

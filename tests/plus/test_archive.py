@@ -34,8 +34,9 @@ def remembered(num=30, seed=0):
     for name in ("size", "speed", "ring", "position"):
         leaf = getattr(objects, name)
         leaf[:num] = rng.random(leaf[:num].shape)
-    count = rng.integers(1, 9, num)
-    objects.bank_count[:num] = np.arange(8) < count[:, None]
+    slots = objects.bank_count.shape[1]
+    count = rng.integers(1, slots + 1, num)
+    objects.bank_count[:num] = np.arange(slots) < count[:, None]
     objects.bank[:num] = rng.normal(size=objects.bank[:num].shape) * (
         objects.bank_count[:num, :, None] > 0
     )

@@ -11,7 +11,7 @@ from safetensors.numpy import load_file, save_file
 from remind_jax.errors import OutputError
 from remind_jax.files.tensors import read_safetensors_header
 from remind_jax.method import get_method, named_leaves
-from remind_jax.plus.earlier_files import NEW_LEAVES
+from remind_jax.plus.earlier_files import LENGTHENED, NEW_LEAVES
 from remind_jax.session.earlier_memory import EARLIER_VERSIONS, WITH_OTHER_DECISIONS, split_columns
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
@@ -84,6 +84,19 @@ def test_leaves_of_what_lives_follow_from_those_that_there_were(tmp_path):
         if name.startswith("tracklets."):
             of_file, of_run = (np.asarray(leaves[name])[alive] for leaves in (found, expected))
             np.testing.assert_allclose(of_file, of_run, atol=1e-4, err_msg=name)
+
+
+def test_kept_looks_of_fewer_places_are_read(tmp_path):
+    method, static = method_and_static("plus")
+    path, state = tmp_path / "memory.safetensors", method.init(static)
+    save_memory(path, SavedMemory(state, static, ("cup",), "patch-statistics", "plus"))
+    metadata = dict(read_safetensors_header(path, refused=OutputError).metadata)
+    del metadata["sha256"]
+    tensors = load_file(path)
+    for name in LENGTHENED:
+        tensors[name] = tensors[name][:, :8].copy()
+    save_file(tensors, path, metadata=metadata)
+    chex.assert_trees_all_equal(load_memory(path).state, state, strict=True)
 
 
 def write_earlier(path, name, version, lacking=""):
