@@ -41,7 +41,7 @@ def test_the_sentence_names_what_is_needed_and_what_may_be_used(monkeypatch):
     monkeypatch.setattr(growing_memory, "device_bytes", lambda: 8 * growing_memory.GIB)
     method = get_method("plus")
     many = Static(num_detections=512, num_objects=16_384, feature_dim=384)
-    with pytest.raises(SourceError, match=r"16384 objects takes about 9\.8 GiB, and 6\.0 GiB"):
+    with pytest.raises(SourceError, match=r"16384 objects takes about 10\.5 GiB, and 6\.0 GiB"):
         growing_memory.check_room(method, many)
     growing_memory.check_room(method, dataclasses.replace(many, num_objects=4096))
 
