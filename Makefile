@@ -20,8 +20,7 @@ test: $(VENV)/.dev  ## all tests but the heavy and the slow ones
 test-heavy: $(VENV)/.dev  ## those that compile much, wait, or need a browser or processes
 	$(BIN)/python -m pytest -m "heavy and not slow" -n 2 --dist loadfile
 
-test-slow: $(VENV)/.dev  ## the slow tests, properties with ten times as many examples, types of the tests
-	$(BIN)/pyright --pythonpath $(BIN)/python tests benchmarks
+test-slow: $(VENV)/.dev  ## the slow tests, properties with ten times as many examples
 	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -m "slow or hypothesis"
 
 docs-check: $(VENV)/.dev  ## pages: their links, what they name, what code cites of them
@@ -47,8 +46,9 @@ lint: $(VENV)/.dev  ## style, and which room imports which
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 
-types: $(VENV)/.dev  ## types of what is shipped
+types: $(VENV)/.dev  ## types of what is shipped, of tests and of benchmarks
 	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/pyright --pythonpath $(BIN)/python tests benchmarks
 
 bench: $(VENV)/.dev  ## what is claimed about speed
 	$(BIN)/python benchmarks/step.py

@@ -77,7 +77,7 @@ def measure(detections: int, objects: int) -> dict[str, Any]:
         "memory_MiB": sum(leaf.nbytes for leaf in jax.tree.leaves(state)) / MIB,
         "temporary_MiB": 0.0 if memory is None else memory.temp_size_in_bytes / MIB,
         "peak_MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        "right": float(np.mean(np.asarray(state.verdicts.answer_id)[:known] == np.arange(known))),
+        "right": float(np.mean(np.asarray(state.answers.answer_id)[:known] == np.arange(known))),
     }
 
 
@@ -113,6 +113,7 @@ def _frame(room: int, look: Any, place: Any, size: Any, rng: np.random.Generator
     noise = 0.1 * rng.normal(size=look.shape).astype(np.float32)
     sightings = Sightings(
         look=padded(look + noise),
+        is_background=np.zeros(DIM, bool),
         ring=padded(look[:, ::-1].copy()),
         has_ring=here,
         box=padded(np.concatenate([center - half, center + half], axis=1)),

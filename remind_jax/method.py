@@ -141,7 +141,8 @@ class Host:
     new_leaves: Mapping[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] = (
         dataclasses.field(default_factory=dict)
     )
-    # Leaves of which these files may have fewer places along the second axis; what lacks is zero.
+    # Leaves of which files of earlier versions, of this schema as well, may have fewer places along
+    # the second axis; what lacks is zero.
     lengthened: Sequence[str] = ()
     # `at_rest()` makes what keeps on the host, empty at first, objects that a step has no room for:
     # Left out, capacities for objects double.

@@ -8,8 +8,8 @@ import numpy as np
 
 from remind_jax.numerics.absent import NO_ID
 
-# What schema 7 holds side by side in one array, in the order of its columns.
-# Name of the array: the axis that its columns lie along, and the leaf that each of them is now.
+# What schema 7 holds side by side: name of the array, the axis that its columns lie along, and the
+# leaves that they are now, in their order.
 COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
     name: (axis, tuple(f"{record}.{leaf}" for leaf in leaves.split()))
     for name, axis, record, leaves in (
@@ -38,7 +38,7 @@ COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
     )
 }
 
-# Leaves that had fewer places along their second axis.
+# Leaves that had fewer places along their second axis: an object kept 8 looks.
 LENGTHENED = ("objects.bank", "objects.bank_count", "objects.white_bank")
 
 # Leaves that came later, and what they were then by the others; None: as in an empty memory.

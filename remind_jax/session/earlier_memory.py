@@ -1,4 +1,4 @@
-"""Memory files of earlier schemas: arrays whose columns are leaves of their own now."""
+"""Memory files of earlier versions: their arrays become the leaves of a memory of now."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def as_now(
         blank = named_leaves(no_decisions(static))
         found |= {f"decisions.{name}": np.asarray(leaf) for name, leaf in blank}
     for name in method.host.lengthened:
-        if name in found and found[name].ndim == leaves[name].ndim:
-            lacking = max(0, leaves[name].shape[1] - found[name].shape[1])
-            widths = [(0, lacking if axis == 1 else 0) for axis in range(found[name].ndim)]
-            found[name] = np.pad(found[name], widths)
+        leaf = found.get(name)
+        if leaf is not None and leaf.ndim == leaves[name].ndim:
+            lacking = max(0, leaves[name].shape[1] - leaf.shape[1])
+            found[name] = np.pad(leaf, [(0, 0), (0, lacking), *[(0, 0)] * (leaf.ndim - 2)])
     if missing := [name for name in method.host.new_leaves if name not in found]:
         empty = dict(named_leaves(method.make_empty(static)))
         for name in missing:

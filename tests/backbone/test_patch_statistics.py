@@ -157,10 +157,11 @@ def closeup(thing: int, background: int) -> np.ndarray:
 
 
 def describe_closeups(images, coverage=COVERED, wanted=None) -> tuple[np.ndarray, np.ndarray]:
-    """Features of the object in each patch, and of what lies around it."""
+    """Features of the object in each patch, and of its background."""
     coverage = np.repeat(coverage[None], len(images), 0)
     both = np.asarray(get_backbone().extract_closeups(np.stack(images), wanted, coverage))
-    return np.split(both, [both.shape[-1] - get_backbone().num_background], axis=-1)
+    num_object = both.shape[-1] - get_backbone().num_background
+    return both[..., :num_object], both[..., num_object:]
 
 
 def channels(blocks) -> list[int]:

@@ -152,7 +152,9 @@ def test_what_looks_like_a_detection_makes_no_room_for_others():
         sightings=detections(np.zeros((2, 2)), np.eye(6)[1:3]),
         motion=types.SimpleNamespace(matrix=np.eye(2, 3)),
     )
-    now = at_rest.recall(state, seen, STATIC).objects.id.tolist()
+    recalled = at_rest.recall(state, seen, STATIC)
+    assert recalled is not None
+    now = recalled.objects.id.tolist()
     assert others.objects.id[1] in now
     assert state.objects.id[longest] in now
 
