@@ -20,6 +20,8 @@ from remind_jax.sweeps.worker import Keep, Worker
 SETTINGS_PER_TASK = 32
 _ANSWERS_WITHIN_S = 10.0  # a machine that is there
 _RETRIES = 5  # of a task whose process or machine died
+# A task has one core. XLA would split each step between as many threads as the machine has cores.
+_ONE_THREAD = {"PJRT_NPROC": "1"}
 
 
 class Cluster:
@@ -55,7 +57,10 @@ class Cluster:
         self._running: dict[Any, tuple[list[int], Keep]] = {}
         has_gpus = self._ray.cluster_resources().get("GPU", 0) > 0
         self._task = self._ray.remote(
-            num_cpus=1, num_gpus=1 if has_gpus else 0, max_retries=_RETRIES
+            num_cpus=1,
+            num_gpus=1 if has_gpus else 0,
+            max_retries=_RETRIES,
+            runtime_env={"env_vars": _ONE_THREAD},
         )(run_task)
 
     def start(self, scene: SceneFrames, jobs: Sequence[Mapping[int, Setting]], keep: Keep) -> None:

@@ -99,6 +99,7 @@ def formula(scene, settings):
 
 def stand_in(scene, settings, config, memory_gib, batch):
     """What `run_task` does, without a tracker to compile."""
+    assert os.environ["PJRT_NPROC"] == "1", "a task has one core, and no more threads for its steps"
     time.sleep(0.5)
     return formula(scene, settings), batch, 0
 
