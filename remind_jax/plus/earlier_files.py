@@ -60,6 +60,7 @@ NEW_LEAVES: dict[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] =
     ),
     "scene.class_cosines": None,
     "scene.class_offset": None,
+    "scene.raised": None,
     "scene.links": None,
     "scene.names": None,
     "scene.newness": None,

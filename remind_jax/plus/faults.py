@@ -60,3 +60,4 @@ def _of_scene(state: PlusState) -> Iterator[str]:
         yield from outside(f"scene.{name}", getattr(scene, name), 0)
     yield from outside("scene.newness", scene.newness, 0, 1)
     yield from outside("scene.faded", scene.faded, 0, 1)
+    yield from outside("scene.raised", scene.raised, 0, 1)

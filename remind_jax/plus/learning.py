@@ -30,7 +30,7 @@ from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.static import NAME_ROWS
-from remind_jax.plus.whitening import class_offset, whiten
+from remind_jax.plus.whitening import adjust_cosine, class_offset, whiten
 
 # Relations that are stored, by their spreads, object sizes.
 SPREAD_MAX = 4.0  # those that are less certain are not
@@ -233,7 +233,7 @@ def _keep_look(
 ) -> _Banks:
     """Adds a look to the bank of an object, into the nearest kept one where it is close."""
     count = banks.counts[row]
-    cosine = dot(banks.white[row], whiten(scene, look - offset)[None])[:, 0]
+    cosine = adjust_cosine(scene, dot(banks.white[row], whiten(scene, look - offset)[None])[:, 0])
     # A free place is taken by what is nowhere nearer than the novel may be.
     at = jnp.argmax(jnp.where(count > 0, cosine, t.novel)).astype(jnp.int32)
     is_joined = (jnp.arange(len(count)) == at) & (count > 0)

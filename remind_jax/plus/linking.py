@@ -38,7 +38,7 @@ from remind_jax.plus.plane import (
 )
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.state import Scene, Tracklets
-from remind_jax.plus.whitening import whiten
+from remind_jax.plus.whitening import adjust_cosine, whiten
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
 SMOOTHING = 4  # detections that the look of a tracklet averages
@@ -330,7 +330,8 @@ def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> F
     white = whiten(scene, jnp.where(sightings.is_background, scene.white_mean, looks))
     num, has_direction = len(sightings.look), jnp.any(white != 0.0, axis=1)
     known = has_direction[:num, None] & has_direction[num:]
-    return jnp.where(known, dot(white[:num], white[num:]), LOOK_MIDDLE)
+    cosine = adjust_cosine(scene, dot(white[:num], white[num:]))
+    return jnp.where(known, cosine, LOOK_MIDDLE)
 
 
 def _log_density(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Float[Array, "N T"]:

@@ -34,6 +34,7 @@ from remind_jax.plus.evidence import (
 from remind_jax.plus.layout import PAIR_BEST, PARTNERS, RELATION_DOUBT, RELATION_LOST
 from remind_jax.plus.look_index import Whitener
 from remind_jax.plus.state import NO_RELATION, Scene
+from remind_jax.plus.whitening import adjust_cosine
 
 NUM_CANDIDATES = 8  # objects here that each object there may be
 # Log odds by which a match must lead over any other one, and over "new"; else it stays apart.
@@ -160,7 +161,8 @@ def _own_evidence(
 ) -> Float[np.ndarray, "M C"]:
     """Log odds of looks, background and name of each candidate, less its rivals; else -inf."""
     class_id = jnp.asarray(there.values("class_id"))
-    looks = np.asarray(look_odds_of(jnp.asarray(candidates.cosine), class_id, scene, t))
+    cosine = adjust_cosine(scene, jnp.asarray(candidates.cosine))
+    looks = np.asarray(look_odds_of(cosine, class_id, scene, t))
     looks = np.clip(looks, t.looks.worst, t.looks.best)
     rings = [_rings(side, np.asarray(scene.ring_mean)) for side in (here, there)]
     cosine = np.einsum("mcd,md->mc", rings[0][candidates.row], rings[1])

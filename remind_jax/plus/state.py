@@ -144,6 +144,7 @@ class Scene:
     basis: Float[Array, "D E"]  # orthonormal, main directions of the total scatter
     whitener: Float[Array, "E D"]
     white_mean: Float[Array, "D"]  # subtracted before whitening
+    raised: Float[Array, ""]  # cosine of two objects about it, [0, 1); nothing where it is of many
     class_offset: Float[Array, "L D"]  # by which looks of a class differ from it
     # Cosines so far, first of other objects, then of the same, and how much is left of what was
     # assumed about them, [0, 1].
@@ -301,6 +302,7 @@ def _unknown_scene(static: Static) -> Scene:
         basis=cast(Array, _any_basis(dim, white)),
         whitener=eye(white, dim),
         white_mean=_real(dim),
+        raised=_real(),
         class_offset=_real(NAME_ROWS, dim),
         cosine_weight=_real(2),
         cosine_sum=_real(2),

@@ -69,6 +69,7 @@ from remind_jax.plus.state import PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Verdicts, no_verdicts
 from remind_jax.plus.whitening import (
+    adjust_cosine,
     class_offset,
     learn_scatter,
     renew_whitening,
@@ -201,7 +202,7 @@ def _advance(
     scene = learn_names(
         scene, state.tracklets.class_id[before], sightings.class_id, jnp.where(goes_on, share, 0.0)
     )
-    scene, objects = renew_whitening(scene, objects, frame, t)
+    scene, objects = renew_whitening(scene, objects, sightings, frame, t)
     # What could every open tracklet be?
     rows = find_rows(here, sightings.valid, t.decision)
     visible = sightings.valid & (here.slot != NO_SLOT)
@@ -209,7 +210,7 @@ def _advance(
     held, waiting = (holder != NO_ROW) & (holder < num), holder >= num
     looks = jnp.stack([here.look, here.first_look])
     white = whiten(scene, looks - class_offset(scene, here.class_id))
-    cosine = best_cosine(white[0], objects)
+    cosine = adjust_cosine(scene, best_cosine(white[0], objects))
 
     def weigh() -> tuple[Shortlist, Weighed]:
         admitted = admit(here, rows, held, objects, pairs, t.decision)
@@ -268,7 +269,7 @@ def _advance(
     teaches = sure & counts
     teacher = rows_of(slot, teaches, static.num_objects)
     objects, pairs = correct_map(objects, pairs, slot, teaches, teaches & ~choice.born, sightings)
-    since_first = jnp.sum(white[0] * white[1], axis=1)
+    since_first = adjust_cosine(scene, jnp.sum(white[0] * white[1], axis=1))
     scene = learn_cosines(
         scene, objects, here, sure, choice, cosine, since_first, share, state.ticks
     )

@@ -5,7 +5,8 @@ Rule: method_plus.md#whitening.
 What varies within a tracklet (light, view, blur) says little about identity. Looks are compared by
 cosine after whitening with the scatter within tracklets, in the main directions of all looks. What
 objects of a class have in common says little as well: looks are compared about the mean of their
-class, as far as that stays where it is.
+class, as far as that stays where it is. The mean of one object is that object itself: about it a
+look of nobody else differs, so the mean counts as far as it is one of several objects.
 
 Letters: `N` detections, `D` feature dimension, `E` compared directions, `F` frames from one renewal
 to the next, `L` rows of classes.
@@ -46,6 +47,8 @@ PRIOR_ROUND = 0.7  # part of it that is equal in all directions
 # What is added to the scatter within tracklets.
 RIDGE = 0.1  # of its mean variance, in all directions
 TOTAL_SHARE = 0.02  # share of the total scatter
+MEAN_PRIOR = 0.15  # squared objects beyond the first that the mean of all is believed half from
+UNLIKE = 0.7  # cosine of looks of two objects about no mean at all
 CLASS_PRIOR = 3.0  # objects of a class beyond the first that its mean is believed half from
 
 
@@ -60,6 +63,11 @@ def whiten(scene: Scene, looks: Float[Array, "*any D"]) -> Float[Array, "*any E"
     differs = jnp.sum(centered**2, axis=-1, keepdims=True) > RESOLUTION**2
     centered = jnp.where(differs, centered, 0.0)
     return to_unit(jnp.einsum("...d,ed->...e", centered, scene.whitener, precision="highest"))
+
+
+def adjust_cosine(scene: Scene, cosine: Float[Array, "*any"]) -> Float[Array, "*any"]:
+    """Cosines of whitened looks, as they would be about the mean of many objects."""
+    return jnp.maximum((cosine - scene.raised) / (1.0 - scene.raised), -1.0)
 
 
 def share_of(here: Tracklets, objects: Objects) -> Float[Array, "N"]:
@@ -128,16 +136,22 @@ def _weighed(weight: Float[Array, "N"], values: Float[Array, "N D"]) -> Float[Ar
 
 
 def renew_whitening(
-    scene: Scene, objects: Objects, frame: Int[Array, ""], t: th.PlusThresholds
+    scene: Scene,
+    objects: Objects,
+    sightings: Sightings,
+    frame: Int[Array, ""],
+    t: th.PlusThresholds,
 ) -> tuple[Scene, Objects]:
     """Every third frame: sums up the scatters and whitens anew, what is remembered included."""
+    believed = _believe_mean(objects, sightings)
     due = (frame < EAGER_FRAMES) | (frame % REFRESH_FRAMES == 0)
     due &= scene.total_weight > 0
 
     def renew(_: Array, before: _Whitening) -> _Whitening:
         total = sum_up(before.total, scene.recent_looks, scene.looks_fade)
         within = sum_up(before.within, scene.recent_steps, scene.steps_fade)
-        renewed = _refit(dataclasses.replace(scene, total=total, within=within), t.looks)
+        renewed = dataclasses.replace(scene, total=total, within=within)
+        renewed = _refit(renewed, sightings.is_background, believed, t.looks)
         renewed = dataclasses.replace(renewed, class_offset=_offset_classes(objects, renewed, t))
         banks = objects.bank - class_offset(renewed, objects.class_id)[:, None]
         return _Whitening(
@@ -146,6 +160,7 @@ def renew_whitening(
             renewed.basis,
             renewed.whitener,
             renewed.white_mean,
+            renewed.raised,
             renewed.class_offset,
             jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, banks), 0.0),
         )
@@ -158,6 +173,7 @@ def renew_whitening(
         scene.basis,
         scene.whitener,
         scene.white_mean,
+        scene.raised,
         scene.class_offset,
         objects.white_bank,
     )
@@ -172,6 +188,7 @@ def renew_whitening(
             basis=now.basis,
             whitener=now.whitener,
             white_mean=now.white_mean,
+            raised=now.raised,
             class_offset=now.class_offset,
         ),
         dataclasses.replace(objects, white_bank=now.white_bank),
@@ -186,13 +203,26 @@ class _Whitening(NamedTuple):
     basis: Float[Array, "D E"]
     whitener: Float[Array, "E D"]
     white_mean: Float[Array, "D"]
+    raised: Float[Array, ""]
     class_offset: Float[Array, "L D"]
     white_bank: Float[Array, "O K E"]
 
 
-def _refit(scene: Scene, t: th.Looks) -> Scene:
+def _believe_mean(objects: Objects, sightings: Sightings) -> Float[Array, ""]:
+    """How far the mean of all looks is that of objects in general, [0, 1)."""
+    known = jnp.sum(objects.exists & jnp.any(objects.bank_count > 0, axis=1))
+    others = jnp.maximum(jnp.maximum(known, jnp.sum(sightings.valid)) - 1.0, 0.0)
+    return others**2 / (others**2 + MEAN_PRIOR)
+
+
+def _refit(
+    scene: Scene, is_background: Bool[Array, "D"], believed: Float[Array, ""], t: th.Looks
+) -> Scene:
     dim, directions = scene.basis.shape
     total = scene.total / jnp.maximum(scene.total_weight, 1.0)
+    # As far as it is not that of several objects, they are assumed to differ in all directions.
+    spread = (1.0 - UNLIKE) * (jnp.sum(diagonal(total)) + jnp.sum(scene.mean**2)) / dim
+    total = believed * total + (1.0 - believed) * spread * jnp.eye(dim, dtype=total.dtype)
     within = scene.within
     basis = scene.basis
     if directions < dim:
@@ -218,11 +248,16 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     # Of what is not positive there is none: all of it is NaN then.
     usable = jnp.all(jnp.isfinite(diagonal(root)))
     whitener = jnp.where(usable, root @ basis.T, scene.whitener)
+    doubted = 1.0 - believed
+    white_mean = jnp.where(is_background, scene.mean, believed * scene.mean)
+    # Of looks with a cosine of UNLIKE, what is left of their products and of their squares.
+    raised = doubted**2 * UNLIKE / (1.0 - UNLIKE + doubted**2 * UNLIKE)
     return dataclasses.replace(
         scene,
         basis=jnp.where(usable, basis, scene.basis),
         whitener=whitener,
-        white_mean=jnp.where(usable, scene.mean, scene.white_mean),
+        white_mean=jnp.where(usable, white_mean, scene.white_mean),
+        raised=jnp.where(usable, raised, scene.raised),
     )
 
 

@@ -151,9 +151,9 @@ def test_a_thing_whose_tracklet_went_with_half_of_it_keeps_its_identity():
     assert num_repeated(verdicts.answer_id) == 0
 
 
-def returning_in_disguise(thing: int) -> tuple[Walk, np.ndarray, PlusThresholds]:
+def returning_in_disguise(seed: int, thing: int) -> tuple[Walk, np.ndarray, PlusThresholds]:
     """A thing is back and looks strange for longer than a decision waits; only looks count."""
-    walk = pan()
+    walk = pan(seed)
     seen = np.flatnonzero(np.any(walk.thing == thing, axis=1))
     back = seen[np.argmax(np.diff(seen)) + 1 :]
     blind = change_parts(PLACELESS, looks={"whitening": False})
@@ -161,11 +161,11 @@ def returning_in_disguise(thing: int) -> tuple[Walk, np.ndarray, PlusThresholds]
 
 
 def test_what_was_taken_for_new_may_turn_out_to_be_known():
-    walk, back, thresholds = returning_in_disguise(thing=2)
+    walk, back, thresholds = returning_in_disguise(seed=2, thing=3)
 
     def answers(**decision):
         told = follow(walk, change_parts(thresholds, decision=decision))[1]
-        return told.answer_id[walk.thing == 2], told.merged_id[walk.thing == 2]
+        return told.answer_id[walk.thing == 3], told.merged_id[walk.thing == 3]
 
     (late, merged), (never, none) = answers(late_margin=0.0), answers(late_frames=0)
     first, taken_for = late[0], late[-len(back) + 17]

@@ -8,13 +8,14 @@ import numpy as np
 
 from remind_jax.plus import whitening
 from remind_jax.plus.state import init
-from remind_jax.plus.whitening import whiten
+from remind_jax.plus.whitening import adjust_cosine, whiten
 from remind_jax.static import Static
 from tests.plus.frames import T, detections, empty_state, objects_of
 
 learn_scatter = jax.jit(whitening.learn_scatter)
 renew_whitening = jax.jit(whitening.renew_whitening)
 FULL = jnp.ones(3)  # all teach in full
+MANY = detections(np.zeros((3, 2)))
 LIGHT = np.array([1.0, 0.0, 0.0])  # what varies within tracklets
 KIND = np.array([0.0, 1.0, 0.0])  # what tells objects apart
 
@@ -31,13 +32,13 @@ def learned(frames: int = 61):
         step = jnp.asarray(wander, jnp.float32)
         scene = learn_scatter(scene, seen, step, jnp.ones(3, bool), FULL, frame)
         if frame < frames - 1:
-            scene, _ = renew_whitening(scene, state.objects, frame, T)
+            scene, _ = renew_whitening(scene, state.objects, seen, frame, T)
     return scene
 
 
 def test_what_varies_within_tracklets_counts_less():
     state = empty_state()
-    scene, _ = renew_whitening(learned(), state.objects, jnp.int32(60), T)
+    scene, _ = renew_whitening(learned(), state.objects, MANY, jnp.int32(60), T)
     base = whiten(scene, jnp.asarray(KIND, jnp.float32))
     by_light = whiten(scene, jnp.asarray(KIND + 0.5 * LIGHT, jnp.float32))
     by_kind = whiten(scene, jnp.asarray(0.5 * KIND + 0.5 * LIGHT, jnp.float32))
@@ -49,9 +50,9 @@ def test_what_varies_within_tracklets_counts_less():
 
 def test_what_is_remembered_is_whitened_anew_when_it_is_due():
     objects = objects_of([KIND])
-    scene, renewed = renew_whitening(learned(), objects, jnp.int32(60), T)
+    scene, renewed = renew_whitening(learned(), objects, MANY, jnp.int32(60), T)
     np.testing.assert_allclose(renewed.white_bank[0, 0], whiten(scene, objects.bank[0, 0]))
-    same, unchanged = renew_whitening(learned(), objects, jnp.int32(61), T)
+    same, unchanged = renew_whitening(learned(), objects, MANY, jnp.int32(61), T)
     np.testing.assert_array_equal(unchanged.white_bank, objects.white_bank)
     np.testing.assert_array_equal(same.whitener, learned().whitener)
 
@@ -61,7 +62,7 @@ def test_looks_are_compared_about_the_mean_of_their_class_as_far_as_it_stays():
     kinds = KIND + 0.3 * np.array([[1, 0, 0], [-1, 0, 1], [0, 0, -1]])
     objects = objects_of([*kinds, LIGHT], class_id=jnp.array([2, 2, 2, 7]))
     scene = dataclasses.replace(learned(), white_mean=jnp.zeros(3), mean=jnp.zeros(3))
-    scene, renewed = renew_whitening(scene, objects, jnp.int32(60), T)
+    scene, renewed = renew_whitening(scene, objects, MANY, jnp.int32(60), T)
     believed = 2 / (2 + whitening.CLASS_PRIOR)
     # Sums of another order.
     np.testing.assert_allclose(scene.class_offset[2], believed * KIND, atol=1e-6)
@@ -69,8 +70,52 @@ def test_looks_are_compared_about_the_mean_of_their_class_as_far_as_it_stays():
     expected = whiten(scene, jnp.asarray(kinds - believed * KIND, jnp.float32))
     np.testing.assert_allclose(renewed.white_bank[:3, 0], expected, atol=1e-6)
     moving = dataclasses.replace(objects, speed=jnp.full(len(objects.id), 1.0))
-    scene, _ = renew_whitening(scene, moving, jnp.int32(63), T)
+    scene, _ = renew_whitening(scene, moving, MANY, jnp.int32(63), T)
     assert np.linalg.norm(scene.class_offset[2]) < 0.1 * believed
+
+
+def looks_about_one(rng, dim: int, cosine: float) -> np.ndarray:
+    """A unit vector, and others of that cosine to it and to each other."""
+    own = np.linalg.qr(rng.normal(size=(dim, 4)))[0].T
+    common = np.sqrt(cosine) * own[0]
+    return (common + np.sqrt(1 - cosine) * own[1:]).astype(np.float32)
+
+
+def test_the_only_object_looks_like_itself_and_others_do_not():
+    """About the mean of its own looks, it would look like nobody."""
+    dim, rng = 64, np.random.default_rng(3)
+    one, other, third = looks_about_one(rng, dim, whitening.UNLIKE)
+    state = init(Static(num_detections=1, num_objects=4, feature_dim=dim))
+    scene = state.scene
+    for frame in map(jnp.int32, range(20)):
+        step = rng.normal(scale=0.01, size=(1, dim)).astype(np.float32)
+        seen = detections(np.zeros((1, 2)), one + step, ring=np.zeros((1, dim), np.float32))
+        linked = jnp.array([frame > 0])
+        scene = learn_scatter(scene, seen, jnp.asarray(step), linked, FULL[:1], frame)
+        scene, _ = renew_whitening(scene, state.objects, seen, frame, T)
+
+    def cosine(left: np.ndarray, right: np.ndarray) -> float:
+        white = whiten(scene, jnp.stack([left, right]))
+        return float(adjust_cosine(scene, white[0] @ white[1]))
+
+    again = one + rng.normal(scale=0.02, size=dim).astype(np.float32)
+    assert cosine(one, again) > 0.7
+    # In the 64 directions that are compared nothing is lost, and noise is the same in all of them.
+    np.testing.assert_allclose(cosine(one, other), 0.0, atol=0.1)
+    np.testing.assert_allclose(cosine(other, third), 0.0, atol=0.1)
+
+
+def test_the_mean_of_many_objects_counts_in_full():
+    rng = np.random.default_rng(4)
+    scene, _ = renew_whitening(learned(), objects_of(np.eye(3)), MANY, jnp.int32(60), T)
+    assert 0.0 < scene.raised < 0.01
+    np.testing.assert_allclose(scene.white_mean, scene.mean, rtol=0.05)
+    crowd = detections(np.zeros((40, 2)), rng.normal(size=(40, 3)))
+    crowded, _ = renew_whitening(learned(), objects_of(np.eye(3)), crowd, jnp.int32(60), T)
+    assert crowded.raised < 1e-6
+    np.testing.assert_allclose(
+        adjust_cosine(crowded, jnp.array([-1.0, 0.3])), [-1.0, 0.3], atol=1e-6
+    )
 
 
 def test_scatters_are_the_sums_over_all_frames_however_late_they_are_summed():
@@ -84,7 +129,7 @@ def test_scatters_are_the_sums_over_all_frames_however_late_they_are_summed():
         around, moved = looks - np.asarray(scene.mean), step[np.asarray(linked)]
         total = total * whitening.SCATTER_DECAY**3 + around.T @ around
         within = within * whitening.SCATTER_DECAY ** len(moved) + moved.T @ moved
-        scene, _ = renew_whitening(scene, state.objects, frame, T)
+        scene, _ = renew_whitening(scene, state.objects, seen, frame, T)
     np.testing.assert_allclose(scene.total, total, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(scene.within, within, rtol=1e-4, atol=1e-4)
 
@@ -131,7 +176,7 @@ def test_directions_that_no_look_spans_yet_are_not_those_of_rounding():
             seen = detections(np.zeros((num, 2)), shown, ring=np.zeros_like(looks))
             steps = jnp.asarray(shown - looks, jnp.float32)
             scene = learn_scatter(scene, seen, steps, jnp.ones(num, bool), FULL, frame)
-            scene, _ = renew_whitening(scene, state.objects, frame, T)
+            scene, _ = renew_whitening(scene, state.objects, seen, frame, T)
         return np.asarray(whiten(scene, new) @ whiten(scene, new).T)
 
     # 1e-6 is some ten units of rounding; were it to choose the directions, 2e-3 would come of it.
