@@ -5,8 +5,8 @@ Rule: method_plus.md#whitening.
 What varies within a tracklet (light, view, blur) says little about identity. Looks are compared by
 cosine after whitening with the scatter within tracklets, in the main directions of all looks. What
 objects of a class have in common says little as well: looks are compared about the mean of their
-class, as far as that stays where it is. The mean of one object is that object itself: about it a
-look of nobody else differs, so the mean counts as far as it is one of several objects.
+class, as far as that stays where it is. The mean of a single object is that object, about which no
+look is like another, so it counts as far as it is that of several.
 
 Letters: `N` detections, `D` feature dimension, `E` compared directions, `F` frames from one renewal
 to the next, `L` rows of classes.
