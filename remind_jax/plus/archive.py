@@ -21,10 +21,13 @@ from jaxtyping import Float, Int
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus.look_index import LookIndex, Owner, Whitener
-from remind_jax.plus.state import NO_RELATION, Objects, Pairs, PlusState, Scene
+from remind_jax.plus.state import NO_RELATION, Objects, Pairs, PlusState
 
 MAX_PARTNERS = 24  # others that an object is remembered beside: those it was seen with most
 UNKNOWN_PLACE = 100.0  # variance of a position that is not known, in squares of frame units
+# Looks are whitened anew after half as many ticks again, and after so many: directions that tell
+# objects apart are learned from some thousand looks, and forgotten for those of other places.
+MAX_TICKS = 1000
 
 _PARTNER = np.dtype(
     [
@@ -57,6 +60,11 @@ class Resting:
         """Its id."""
         return int(self.values["id"])
 
+    @property
+    def owner(self) -> Owner:
+        """It and its looks."""
+        return Owner(self.id, int(self.values["class_id"]), self.bank)
+
 
 @dataclasses.dataclass(frozen=True)
 class Snapshot:
@@ -64,18 +72,15 @@ class Snapshot:
 
     resting: Mapping[int, Resting] = dataclasses.field(default_factory=dict)
     partners: Mapping[int, np.ndarray] = dataclasses.field(default_factory=dict)
+    whitener: Whitener | None = None
 
 
 class Archive:
-    """All objects at rest, by id, and whom each object was seen with.
-
-    Attributes:
-      looks: Their looks, to be found by.
-    """
+    """All objects at rest, by id, and whom each object was seen with."""
 
     def __init__(self) -> None:
         """Nothing rests."""
-        self.looks = LookIndex()
+        self._looks: LookIndex | None = None
         self._resting: dict[int, Resting] = {}
         self._partners: dict[int, np.ndarray] = {}  # of objects that rest or rested
 
@@ -98,7 +103,20 @@ class Archive:
         of_one = sum(value.nbytes for value in one.values.values())
         looks = sum(len(one.bank) for one in self._resting.values())
         of_look = one.bank.shape[-1] * one.bank.itemsize + one.bank_count.itemsize
-        return partners + len(self) * of_one + looks * (of_look + self.looks.bytes_of_look)
+        of_look += 0 if self._looks is None else self._looks.bytes_of_look
+        return partners + len(self) * of_one + looks * of_look
+
+    def looks(self, state: PlusState) -> LookIndex:
+        """Looks of all of them, whitened anew if that is due.
+
+        Args:
+          state: The memory beside it.
+        """
+        now = int(state.ticks)
+        if self._looks is None or now - self._looks.ticks > min(self._looks.ticks / 2, MAX_TICKS):
+            self._looks = LookIndex(Whitener.of(state.scene), now)
+            self._looks.add([one.owner for one in self._resting.values()])
+        return self._looks
 
     def partners(self, object_id: int) -> np.ndarray:
         """Whom it was seen with, as far as it rested since: fields `id`, `covisible` and others."""
@@ -115,7 +133,7 @@ class Archive:
         objects, pairs = state.objects, state.pairs
         for slot in slots:
             self._partners[int(objects.id[slot])] = self._partners_of(objects, pairs, slot)
-        self._put([_copied(objects, slot) for slot in slots], state.scene)
+        self._put([_copied(objects, slot) for slot in slots], state)
         return _cleared(state, empty, np.asarray(slots, int))
 
     def with_working_set(
@@ -138,10 +156,10 @@ class Archive:
         return everything, partners
 
     def take_in(
-        self, resting: Sequence[Resting], partners: Mapping[int, np.ndarray], scene: Scene
+        self, resting: Sequence[Resting], partners: Mapping[int, np.ndarray], state: PlusState
     ) -> None:
-        """Adds objects that rested elsewhere, with whom each was seen."""
-        self._put(resting, scene)
+        """Adds objects that rested elsewhere, with whom each was seen; `state` is beside it."""
+        self._put(resting, state)
         self._partners |= partners
 
     def wake(
@@ -160,8 +178,7 @@ class Archive:
         free = iter(np.flatnonzero(objects.id == NO_ID).tolist())
         woken = []
         for object_id in ids:
-            slot, one = next(free), self._resting.pop(object_id)
-            self.looks.remove(object_id)
+            slot, one = next(free), self._let_go(object_id)
             for name, value in one.values.items():
                 getattr(objects, name)[slot] = value
             count = len(one.bank)
@@ -186,8 +203,7 @@ class Archive:
     def forget(self, ids: Collection[int]) -> None:
         """Lets objects go, at rest or not, with all that was known of them beside others."""
         for object_id in set(ids) & set(self._resting):
-            del self._resting[object_id]
-            self.looks.remove(object_id)
+            self._let_go(object_id)
         for object_id in set(ids) & set(self._partners):
             del self._partners[object_id]
 
@@ -202,7 +218,8 @@ class Archive:
 
     def snapshot(self) -> Snapshot:
         """What it holds now."""
-        return Snapshot(dict(self._resting), dict(self._partners))
+        whitener = None if self._looks is None else self._looks.whitener
+        return Snapshot(dict(self._resting), dict(self._partners), whitener)
 
     def tensors(self, since: Snapshot | None = None) -> dict[str, np.ndarray]:
         """What changed as arrays by name, for a file.
@@ -230,6 +247,8 @@ class Archive:
             found["num_partners"] = _whole(len(one) for one in partners.values())
             values = np.concatenate([*partners.values()])
             found |= {f"partners.{name}": np.array(values[name]) for name in _PARTNER.names or ()}
+        if self._looks is not None and self._looks.whitener is not before.whitener:
+            found |= self._looks.tensors()
         return found
 
     @classmethod
@@ -258,15 +277,23 @@ class Archive:
                 archive._partners.pop(one, None)
             if "partners_of" in tensors or changed:
                 archive._partners |= _partners_in(tensors)
+            if any(name.startswith("whitener.") for name in tensors):
+                archive._looks = LookIndex.restored(tensors, Whitener.of(state.scene))
         _check(resting, state, num_classes)
-        archive._put(list(resting.values()), state.scene)
+        archive._resting = resting
+        if archive._looks is not None:  # earlier files lack it
+            archive._looks.add([one.owner for one in resting.values()])
         return archive
 
-    def _put(self, resting: Sequence[Resting], scene: Scene) -> None:
+    def _put(self, resting: Sequence[Resting], state: PlusState) -> None:
+        self.looks(state).add([one.owner for one in resting])
         self._resting |= {one.id: one for one in resting}
-        owners = [Owner(one.id, int(one.values["class_id"]), one.bank) for one in resting]
-        if owners:
-            self.looks.add(owners, Whitener.of(scene))
+
+    def _let_go(self, object_id: int) -> Resting:
+        one = self._resting.pop(object_id)
+        if self._looks is not None:
+            self._looks.remove(one.owner)
+        return one
 
     def _partners_of(self, objects: Objects, pairs: Pairs, slot: int) -> np.ndarray:
         """Its nearest partners: as they are in the working set, and as they were before."""

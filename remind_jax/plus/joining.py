@@ -58,7 +58,7 @@ def join(
         row, doubted = match(known, added, state.scene, t)
         matched = [(ids[row[m]], new_ids[m]) for m in np.flatnonzero(row != NOBODY)]
         ambiguous = {new_ids[m]: tuple(ids[r] for r in rows) for m, rows in doubted.items()}
-    at_rest.archive.take_in(list(moved.values()), partners, state.scene)
+    at_rest.archive.take_in(list(moved.values()), partners, state)
     return state, Joined({one: one + shift for one in there}, tuple(matched), ambiguous)
 
 

@@ -37,7 +37,8 @@ BEHIND = 0.25  # what looks by so much less alike than another candidate does no
 OTHER_NAME = 0.02  # share of frames from which on a class is known to change to another one
 FOLLOWED_OVERLAP, FOLLOWED_COSINE = 0.3, 0.5  # what plainly goes on with a tracklet
 ASKED_AGAIN = (2, 5)  # is asked for at these numbers of detections, while it is open
-NEAR = 1.5 * FRAME_AREA**0.5  # objects within are in the working set while their place is known
+# Objects this near the middle of a square frame are in the working set while their place is known.
+NEAR = 1.5 * FRAME_AREA**0.5
 KNOWN_PLACE = 1.0  # largest variance of a place that is known, in squares of frame units
 MOST_SHARE = 2  # at most one of so many slots is filled at once
 SPARE_SHARE = 8  # one of so many slots is made free beyond those that are needed
@@ -54,7 +55,6 @@ class ObjectsAtRest:
         """Nothing rests yet."""
         self.archive = Archive()
         self._came: dict[int, int] = {}  # frame in which an object was last brought
-        self._center = np.full(2, FRAME_AREA**0.5 / 2, np.float32)
 
     def make_room(self, state: PlusState, static: Static, needed: int) -> PlusState | None:
         """Rests what was longest out of view until so many slots suffice.
@@ -99,7 +99,6 @@ class ObjectsAtRest:
         asked = sightings.valid & ~_followed(state, sightings, np.asarray(seen.motion.matrix))
         if not asked.any():
             return None
-        self._center = np.asarray(sightings.frame_center)
         wanted, alike = self._wanted(state, sightings, np.flatnonzero(asked))
         if not wanted:
             return None
@@ -113,8 +112,10 @@ class ObjectsAtRest:
         if not wanted:
             return None
         state = self._rest(state, static, idle[: max(0, len(wanted) - free)])
-        self._came |= dict.fromkeys(wanted, int(state.frame))
-        return self.archive.wake(state, wanted, self._center)
+        present = set(state.objects.id.tolist())
+        before = {one: frame for one, frame in self._came.items() if one in present}
+        self._came = before | dict.fromkeys(wanted, int(state.frame))
+        return self.archive.wake(state, wanted, np.asarray(sightings.frame_center))
 
     def ids(self) -> list[int]:
         """Ids of all objects at rest."""
@@ -140,7 +141,8 @@ class ObjectsAtRest:
 
     def tensors(self, since: Snapshot | None = None) -> dict[str, np.ndarray]:
         """What changed as arrays by name, for a file; everything if `since` is left out."""
-        return self.archive.tensors(since)
+        came = np.array([*self._came.items()], np.int32).reshape(-1, 2)
+        return self.archive.tensors(since) | ({"came": came} if len(came) else {})
 
     def restore(
         self, parts: Sequence[Mapping[str, np.ndarray]], state: PlusState, num_classes: int
@@ -152,6 +154,8 @@ class ObjectsAtRest:
           KeyError: If one is missing.
         """
         self.archive = Archive.restored(parts, state, num_classes)
+        came = parts[-1].get("came", np.zeros((0, 2), np.int32))
+        self._came = dict(came.tolist())
 
     def _wanted(
         self, state: PlusState, sightings: Any, rows: Int[np.ndarray, "Q"]
@@ -160,20 +164,21 @@ class ObjectsAtRest:
 
         What looks alike comes first, then its partners.
         """
-        whitener = Whitener.of(state.scene)
+        index = self.archive.looks(state)
         votes: dict[int, float] = {}
         alike: dict[int, float] = {}
         bank = np.asarray(state.objects.white_bank)
         filled = np.asarray(state.objects.bank_count) > 0
         plausible = _usual_cosines(state.scene, PLAUSIBLE)
         clear = _usual_cosines(state.scene, CLEAR)
-        known = self.archive.looks.class_ids
-        of_row, class_id = _names_of(sightings.class_id[rows], known, np.asarray(state.scene.names))
+        names = np.asarray(state.scene.names)
+        of_row, class_id = _names_of(sightings.class_id[rows], index.class_ids, names)
         if not len(of_row):
             return [], np.zeros(len(bank), bool)
         looks = sightings.look[rows[of_row]]
-        found, cosine = self.archive.looks.search(looks, class_id, whitener, NUM_ASKED)
-        present = whitener.whiten(looks, class_id) @ bank.reshape(-1, bank.shape[-1]).T
+        found, cosine = index.search(looks, class_id, NUM_ASKED)
+        white = Whitener.of(state.scene).whiten(looks, class_id)
+        present = white @ bank.reshape(-1, bank.shape[-1]).T
         same = filled & (class_id[:, None, None] == np.asarray(state.objects.class_id)[:, None])
         present = np.where(same, present.reshape(same.shape), -1.0).max(axis=2)
         best = np.full(len(rows), -1.0, np.float32)
@@ -202,7 +207,7 @@ class ObjectsAtRest:
         held[tracklets.slot[tracklets.alive & (tracklets.slot != NO_SLOT)]] = True
         came = np.array([self._came.get(int(one), 0) for one in objects.id])
         needed = np.maximum(objects.last, came)
-        away = np.linalg.norm(objects.position - self._center, axis=1)
+        away = np.linalg.norm(objects.position - FRAME_AREA**0.5 / 2, axis=1)
         near = (away < NEAR) & (np.diagonal(state.pairs.covariance) < KNOWN_PLACE)
         needed = np.where(near, np.maximum(needed, int(state.frame) - 1), needed)
         idle = np.flatnonzero((objects.id != NO_ID) & ~held)
@@ -210,11 +215,7 @@ class ObjectsAtRest:
         return idle[order].tolist()
 
     def _rest(self, state: PlusState, static: Static, slots: list[int]) -> PlusState:
-        for slot in slots:
-            self._came.pop(int(state.objects.id[slot]), None)
-        if slots:
-            state = self.archive.rest(state, _empty(static), slots)
-        return state
+        return self.archive.rest(state, _empty(static), slots) if slots else state
 
 
 @functools.lru_cache(maxsize=4)
