@@ -62,7 +62,7 @@ class _Looks(NamedTuple):
 
     def with_room_for(self, num: int) -> _Looks:
         """The same, with so many free places at least."""
-        lacking = num - np.count_nonzero(self.owner == NO_ID)
+        lacking = num - int(np.count_nonzero(self.owner == NO_ID))
         if lacking <= 0:
             return self
         added = (0, max(lacking, len(self.owner), FIRST_PLACES))
