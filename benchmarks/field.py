@@ -3,11 +3,11 @@
     python benchmarks/field.py --out DIR                     ours, and every peer that can be had
     python benchmarks/field.py --out DIR --peers norfair     ours and some; `--peers none`: ours
     python benchmarks/field.py --out DIR --quick             few points of each plot, one seed
-    python benchmarks/field.py --out DIR --page              and writes docs/field.md
+    python benchmarks/field.py --out DIR --page              and writes benchmarks/field.md
 
 All trackers get the same frames, detections and embeddings (`field_worlds.py`, `field_ours.py`).
 Peers run in environments of their own (`field_peers/`), which are made with pip when they are first
-asked for. What is in DIR is not computed again. Protocol, settings and results: docs/field.md.
+asked for. What is in DIR is not computed again. Protocol, settings and results: benchmarks/field.md.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ from benchmarks.field_worlds import FIRST_SEED, Trial, make_trials, questions
 from benchmarks.pages import fill_file
 from remind_jax.errors import RemindError
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "field.md"
+PAGE = Path(__file__).with_suffix(".md")
+FIGURES = PAGE.parent.parent / "docs" / "figures"
 NUM_SEEDS = 2
 _LEAST_ANSWERED = 0.7  # of the questions
 
@@ -178,7 +179,7 @@ def main() -> int:
     parser.add_argument(
         "--page",
         action="store_true",
-        help="write docs/field.md; not --quick: all of it, with its figures",
+        help="write benchmarks/field.md; not --quick: all of it, with its figures",
     )
     add_peer_options(parser)
     given = parser.parse_args()
@@ -196,7 +197,7 @@ def main() -> int:
         if given.quick:
             tables = {"quick": tables["all"]}
         else:
-            write_figures(result, PAGE.parent / "figures")
+            write_figures(result, FIGURES)
         fill_file(PAGE, {f"field:{name}": table for name, table in tables.items()})
     print(text)
     return 0

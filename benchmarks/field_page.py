@@ -1,4 +1,4 @@
-"""Tables and figures of `field.py`, and their place in docs/field.md."""
+"""Tables and figures of `field.py`, and their place in benchmarks/field.md."""
 
 from __future__ import annotations
 

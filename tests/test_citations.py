@@ -26,6 +26,7 @@ CITATION = re.compile(r"\b(\w+\.md)#([\w-]+)")
 RULE = re.compile(r'<a id="([\w-]+)"></a>\n(#+) (.*)')
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 MODULE = re.compile(r"`((?:remind_jax|weights_convert)/[\w/]+\.py)`")
+MEASURED = re.compile(r"`(benchmarks/\w+\.\w+)`")
 
 
 def texts(*folders: str) -> dict[str, str]:
@@ -44,8 +45,8 @@ def address_of(heading: str) -> str:
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
 
 
-def addresses(page: str) -> set[str]:
-    """What can be cited of a page."""
+def addresses(page: str | Path) -> set[str]:
+    """What can be cited of a page of `docs/`, or of another one by its whole path."""
     text = (DOCS / page).read_text(encoding="utf-8")
     made = {address_of(heading) for heading in HEADING.findall(text)}
     return made | {name for name, _, _ in RULE.findall(text)}
@@ -119,7 +120,8 @@ def _is_chapter(text: str) -> bool:
 
 def test_modules_that_pages_name_exist():
     for page in DOCS.glob("*.md"):
-        named = set(MODULE.findall(page.read_text(encoding="utf-8")))
+        text = page.read_text(encoding="utf-8")
+        named = {*MODULE.findall(text), *MEASURED.findall(text)}
         assert not {name for name in named if not (ROOT / name).is_file()}, page
 
 

@@ -22,6 +22,7 @@ from tests.test_citations import addresses
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
+LAB_BOOKS = sorted((DOCS.parent / "benchmarks").glob("*.md"))  # what was measured, not on the site
 FENCE = re.compile(r"^( *)```python\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 
@@ -154,15 +155,15 @@ def test_examples_are_valid_code():
 
 @pytest.mark.prose
 def test_links_lead_somewhere():
-    for page in PAGES:
+    for page in (*PAGES, *LAB_BOOKS):
         for target in LINK.findall(page.read_text(encoding="utf-8")):
             if target.startswith(("https://", "http://")):
                 continue
             path, _, anchor = target.partition("#")
-            linked = DOCS / (path or page.name)
+            linked = page.parent / path if path else page
             assert linked.is_file(), f"{page.name} links to {target}"
             if anchor:
-                assert anchor in addresses(linked.name), target
+                assert anchor in addresses(linked), target
 
 
 @pytest.mark.prose
