@@ -7,7 +7,8 @@
 
 All trackers get the same frames, detections and embeddings (`field_worlds.py`, `field_ours.py`).
 Peers run in environments of their own (`field_peers/`), which are made with pip when they are first
-asked for. What is in DIR is not computed again. Protocol, settings and results: benchmarks/field.md.
+asked for. What is in DIR is not computed again. Protocol, settings and
+results: benchmarks/field.md.
 """
 
 from __future__ import annotations
