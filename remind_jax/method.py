@@ -120,11 +120,13 @@ class Host:
     # What turned out to be another object: `merges(state)` gives pairs of ids, the one that is gone
     # and the one that it is; those of earlier frames, or never answered, may be among them.
     merges: Callable[[Any], list[tuple[int, int]]] | None = None
-    # `delayed(delay)` makes what revises answers that wait: an object with `evidence(state)`, what
-    # it needs of a memory as `json` can write it,
+    # `delayed(delay)` makes what revises answers that wait: an object with
     # `push(frame, tracks, evidence) -> [(frame, tracks), ...]`, and `flush()`, which gives the
-    # rest.
+    # rest. Of `tracks` it reads what an answer is (`sweeps.delayed.Said`) and nothing else.
     delayed: Callable[[int], Any] | None = None
+    # What that needs of a memory after a frame, `evidence(state) -> {name: [N]}`, whole numbers by
+    # detection slot (also called under `jit`).
+    evidence: Callable[[Any], Mapping[str, Any]] = lambda _: {}
     # `remove(state, empty, ids)` takes objects out of memory, with all that only they left behind;
     # `empty` is the memory without any. Left out, it cannot.
     remove: Callable[[Any, Any, np.ndarray], Any] | None = None

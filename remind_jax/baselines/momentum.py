@@ -133,7 +133,7 @@ def _take_in_turn(
         row = order[turn]
         best = jnp.argmax(left[row])
         is_taken = left[row, best] > match
-        column = column.at[row].set(jnp.where(is_taken, best, -1))
+        column = column.at[row].set(jnp.where(is_taken, best.astype(jnp.int32), -1))
         gone = is_taken & (jnp.arange(left.shape[1]) == best)
         return column, jnp.where(gone, -jnp.inf, left)
 

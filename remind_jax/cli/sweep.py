@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
+from remind_jax.cli.flags import BackboneName, SamplingFlags, TrackerName, quiet_defaults
 from remind_jax.cli.progress import follow_sweep
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout, scene_options
-from remind_jax.errors import ConfigError, SweepError, nearest_names
+from remind_jax.errors import ConfigError, SweepError
 from remind_jax.files import refuse_folder, writing
 from remind_jax.printing.terminal import print_lines, print_markdown
 from remind_jax.settings.ranges import check_option
@@ -45,7 +45,7 @@ Ranges = Annotated[
 class Sweep:
     """Score many settings on annotated scenes: a table, the best, what they trade.
 
-    A row equals the run with that setting; the first is the configuration as it is.
+    A row has the scores of the run with that setting; the first is the configuration as it is.
 
     Rows are written as they come; the same command again goes on where it stopped.
 
@@ -74,11 +74,13 @@ class Sweep:
     metric: str = "IDF1"  # what is best
     seed: int = 0  # of everything random
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # what a setting does not name
+    tracker: TrackerName = None
     backbone: BackboneName = "patch-statistics"
     weights: Path | None = None  # converted weights; found or fetched if left out
     feature_cache: Path | None = None  # keep features there and reuse them
     masks: Path | None = None  # of the scene, if there is one only and its layout holds none
     memory_gib: float = 2.0  # that the compiled program may take, on each device
+    delay: int | None = None  # frames that answers wait, as in 'remind run'; 0: as it is live
     batch: int | None = None  # settings side by side; chosen by memory if left out
     workers: int | None = None  # processes (needs Ray); this one does all if left out
     cluster: Annotated[str | None, arg(metavar="ADDRESS")] = None  # of a Ray cluster, e.g. auto
@@ -121,7 +123,7 @@ class Sweep:
         if not self.sources:
             raise SweepError("name the scenes to sweep over: folders with masks")
         from remind_jax.sweeps import bench as limits
-        from remind_jax.sweeps.search import HIGH_IS_GOOD, LOW_IS_GOOD
+        from remind_jax.sweeps.result import sign_of
         from remind_jax.sweeps.settings import MAX_SETTINGS
 
         for name, least, most in (
@@ -137,10 +139,12 @@ class Sweep:
             value = getattr(self, name)
             if value is not None:
                 check_option(name, value, least, most, whole=name != "memory_gib")
-        known = (*HIGH_IS_GOOD, *LOW_IS_GOOD, "Identities")
         for name in (self.metric, *self.objectives):
-            if name not in known:
-                raise SweepError(f"there is no score {name!r}; {nearest_names(name, known)}")
+            sign_of(name)
+        if self.number is not None and not (self.search or self.sensitivity):
+            raise SweepError("--number is for --search and --sensitivity; give one, or --random N")
+        if self.objectives != ("IDF1",) and not self.search:
+            raise SweepError("--objectives are what --search looks for; give --metric, or --search")
         ways = [self.random, self.settings, self.search, self.sensitivity or None]
         if sum(way is not None for way in ways) > 1:
             raise SweepError(
@@ -158,15 +162,18 @@ class Sweep:
             return lambda bench: (self._search(bench, space), [])
         if self.sensitivity:
             return lambda bench: self._vary(bench, space)
-        settings = self._list_settings(space)
+        if self.random is not None:
+            number = self.random
+            return lambda bench: self._try(bench, self._draw(bench, space, number))
+        from remind_jax.sweeps import grid, read_settings
+
+        settings = grid(space) if self.settings is None else read_settings(self.settings)
         return lambda bench: self._try(bench, settings)
 
-    def _list_settings(self, space: dict[str, list[Value]]) -> list[Setting]:
-        from remind_jax.sweeps import draw, grid, read_settings
+    def _draw(self, bench: SceneBench, space: dict[str, list[Value]], number: int) -> list[Setting]:
+        from remind_jax.sweeps import draw
 
-        if self.settings is not None:
-            return read_settings(self.settings)
-        return grid(space) if self.random is None else draw(space, self.random, self.seed)
+        return draw(bench.complete_space(space), number, self.seed)
 
     def _open(self, out: Path, progress: Callable[[Progress], None]) -> SceneBench:
         from remind_jax.sweeps.bench import SceneBench
@@ -175,10 +182,12 @@ class Sweep:
         return SceneBench(
             list(self.sources),
             config=self.config,
+            tracker=self.tracker,
             backbone=self.backbone,
             weights=self.weights,
             feature_cache=self.feature_cache,
             sampling=self.sampling,
+            delay=self.delay,
             memory_gib=self.memory_gib,
             batch=self.batch,
             out=out,

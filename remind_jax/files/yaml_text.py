@@ -51,6 +51,14 @@ for _kind, _construct in (
     _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _decimal(_construct))
 
 
+# YAML 1.1 takes 1e-3 for a text.
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
+    list("-+.0123456789"),
+)
+
+
 def parse_yaml(text: str, where: str, refused: type[RemindError]) -> Any:
     """Values of one document.
 

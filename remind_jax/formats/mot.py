@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
@@ -281,11 +282,17 @@ def mot_lines(tracks: Iterable[Tracks]) -> list[str]:
     return lines
 
 
-def mots_lines(tracks: Iterable[Tracks], class_names: Sequence[str]) -> list[str]:
+def mots_lines(tracks: Sequence[Tracks], class_names: Sequence[str]) -> list[str]:
     """MOTS results: `frame id class height width rle`, class = place in `class_names` + 1.
 
-    Masks of a frame may not overlap in this format: shared pixels go to the higher confidence.
+    Masks of a frame may not overlap in this format: shared pixels go to the higher confidence. An
+    identity has one class, that of most of its rows.
     """
+    votes: dict[int, Counter[str]] = {}
+    for frame in tracks:
+        for row in firm_rows(frame):
+            votes.setdefault(int(frame.object_id[row]), Counter())[frame.labels[row]] += 1
+    label_of = {one: names.most_common(1)[0][0] for one, names in votes.items()}
     numbers = {name: number for number, name in enumerate(class_names, start=1)}
     lines = []
     for number, frame in enumerate(tracks, start=1):
@@ -294,8 +301,9 @@ def mots_lines(tracks: Iterable[Tracks], class_names: Sequence[str]) -> list[str
         for row, rle in zip(rows, masks_without_overlap(frame, rows), strict=True):
             if rle is None:
                 continue
+            one = int(frame.object_id[row])
             lines.append(
-                f"{number} {frame.object_id[row] + 1} {numbers[frame.labels[row]]} "
+                f"{number} {one + 1} {numbers[label_of[one]]} "
                 f"{height} {width} {rle['counts'].decode('ascii')}"
             )
     return lines

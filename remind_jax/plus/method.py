@@ -18,7 +18,7 @@ from remind_jax.plus.joining import join
 from remind_jax.plus.memory_need import count_bytes
 from remind_jax.plus.observation import RING_PATCHES, Motion, Sightings, observe
 from remind_jax.plus.recall import ObjectsAtRest
-from remind_jax.plus.revision import DelayedAnswers, find_merges
+from remind_jax.plus.revision import DelayedAnswers, evidence, find_merges
 from remind_jax.plus.state import PlusState, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
@@ -77,6 +77,7 @@ METHOD = Method(
         explainer_name="remind_jax.explanation.plus.explainer:PlusExplainer",
         merges=find_merges,
         delayed=DelayedAnswers,
+        evidence=evidence,
         remove=remove_objects,
         coming_ids=coming_ids,
         find_faults=find_faults,

@@ -39,6 +39,12 @@ def find_merges(state: Any) -> list[tuple[int, int]]:
     return [(int(gone[row]), int(kept[row])) for row in np.flatnonzero(gone != NO_ID)]
 
 
+def evidence(state: Any) -> dict[str, Any]:
+    """What `DelayedAnswers.push` needs of the memory after a frame."""
+    answers: Answers = state.answers
+    return {"tracklet_id": answers.tracklet_id, "merged_id": answers.merged_id}
+
+
 class DelayedAnswers:
     """Holds back the answers of some frames and revises them by what is known then.
 
@@ -54,14 +60,6 @@ class DelayedAnswers:
         self._latest: dict[int, _Latest] = {}  # by tracklet
         self._merged: dict[int, int] = {}  # object, and which it turned out to be
         self._begun: set[int] = set()  # objects whose own tracklet was answered
-
-    def evidence(self, state: Any) -> dict[str, list[int]]:
-        """What `push` needs of the memory after a frame, as `json` can write it."""
-        answers: Answers = state.answers
-        return {
-            "tracklet_id": np.asarray(answers.tracklet_id).tolist(),
-            "merged_id": np.asarray(answers.merged_id).tolist(),
-        }
 
     def push(
         self, frame: Any, tracks: Tracks, evidence: Mapping[str, Sequence[int]]

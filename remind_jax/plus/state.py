@@ -198,7 +198,7 @@ def init(static: Static) -> PlusState:
         pairs=_no_pairs(static.num_objects),
         tracklets=no_tracklets(num_tracklets(static), static.feature_dim),
         scene=_unknown_scene(static),
-        next_id=_whole(),
+        next_id=_whole(value=static.first_object_id),
         frame=_whole(),
         ticks=_whole(),
         phase=_real(),

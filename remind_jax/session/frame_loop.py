@@ -264,7 +264,7 @@ class FrameLoop:
             compile_s=self._compile_s + tracker.compile_s,
             first_frame_ms=first_ms,
             merges=told.merges,
-            evidence=None if self._delayed is None else self._delayed.evidence(tracker.state),
+            evidence=None if self._delayed is None else self._evidence(),
             events=[*tracker.events, *self._news(tracks.frame_index)],
             has_grown=tracker.has_grown,
             dropped=upcoming.dropped,
@@ -279,6 +279,11 @@ class FrameLoop:
             if self._checkpoints.is_due:
                 self.keep()
         self._collect(step, tracks)
+
+    def _evidence(self) -> dict[str, list[int]]:
+        """What the delayed answers are revised by, as `json` can write it."""
+        evidence = self.tracker.method.host.evidence(self.tracker.state)
+        return {name: np.asarray(leaf).tolist() for name, leaf in evidence.items()}
 
     def _news(self, frame_index: int) -> list[Event]:
         """What happened to a live source before a frame."""

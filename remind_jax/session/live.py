@@ -230,6 +230,7 @@ class Tracker(Printable):
         """Forgets everything; compiled programs stay."""
         with self._alone("prepare"), self._alone("advance"):
             self._memory.forget()
+            self._memory_file = None
             self.preparer, self._features_given = self._new_preparer(), False
             self.identities = Identities(self.announce_after, self.static.first_object_id)
 
@@ -408,8 +409,9 @@ class Tracker(Printable):
         if memory.backbone != FEATURES_GIVEN:
             check_backbone(memory, self.features.described_by, path)
         with self._alone("prepare"), self._alone("advance"):
+            static = static_of(memory, self.config, path)
+            self._memory.static, self._memory_file = static, None
             self._features_given = memory.backbone == FEATURES_GIVEN
-            self._memory.static = static_of(memory, self.config, path)
             self.preparer = self._new_preparer()
             self._restore(memory)
 

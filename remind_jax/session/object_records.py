@@ -242,14 +242,16 @@ class ObjectRecords:
             )
         name = name.strip()
         members = self.members(object_id)
-        others = {one: given for one, given in self.given.items() if one not in members}
-        for one, given in others.items():
-            if name and given == name:
+        for one, given in self.given.items():
+            if name and given == name and one not in members:
                 raise SourceError(
                     f"object {self.merged_into.get(one, one)} is called '{name}' already; give "
                     "another name, or merge the two"
                 )
-        self.given = others | ({object_id: name} if name else {})
+        # Others that it was merged with keep theirs for when they are split.
+        gone = {object_id} if name else set(members)
+        kept = {one: given for one, given in self.given.items() if one not in gone}
+        self.given = kept | ({object_id: name} if name else {})
 
     def merge(self, kept: int, gone: Iterable[int]) -> None:
         """Declares objects to be one, which has the id of the first.

@@ -105,7 +105,7 @@ class FramePreparer:
         observed = None
         if self._method.needs.observe is not None:
             observed = self._method.needs.observe(self.last_image, image, self._elapse(frame))
-            self.last_image = image
+            self._keep_image(image)
             spent["observe"] = 1000 * (time.perf_counter() - reduced_at)
         return Prepared(
             frame=frame,
@@ -132,7 +132,11 @@ class FramePreparer:
         if frame.features is not None:
             return
         alignment = self._align(frame, config)
-        self.last_image = None if frame.image is None else alignment.align_image(frame.image)
+        self._keep_image(None if frame.image is None else alignment.align_image(frame.image))
+
+    def _keep_image(self, image: np.ndarray | None) -> None:
+        """A copy: cameras give one buffer again and again."""
+        self.last_image = None if image is None else image.copy()
 
     def _elapse(self, frame: Frame) -> float | None:
         """Seconds since the last frame; None if no clock tells, or one that stands or goes back."""

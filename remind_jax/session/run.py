@@ -14,7 +14,6 @@ from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
 from remind_jax.detectors import Detector, DetectorOptions, as_detector
 from remind_jax.errors import (
-    ConfigError,
     OptionError,
     OutputError,
     SourceError,
@@ -33,19 +32,15 @@ from remind_jax.outputs.writer import (
 )
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.checkpoint import Checkpoints
+from remind_jax.session.delay import choose_delay
 from remind_jax.session.folder_run import run_alone, run_into
 from remind_jax.session.frame_loop import FrameLoop
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress, follow_run
-from remind_jax.settings.ranges import check_function, check_option, check_switch
+from remind_jax.settings.ranges import check_function, check_switch
 from remind_jax.sources import LiveSource, Sampling, Source, open_source
 from remind_jax.sources.opening import NO_MASKS, check_options
 from remind_jax.sources.source import SampledSource
-
-# Frames that answers about a recording wait; longer changes next to nothing (`docs/plus.md`).
-RECORDED_DELAY = 20
-
-_MAX_DELAY = 1_000_000  # frames
 
 
 def run(
@@ -167,7 +162,7 @@ def run(
     # detectors miss them now and then, hence twice the detections that it takes.
     waiting = 2 * after if after > 1 else 0
     checkpoints = None if folder is None else Checkpoints(folder)
-    delay = _choose_delay(delay, tracking, frames)
+    delay = choose_delay(delay, tracking.method, is_live=isinstance(frames, LiveSource))
     revise = tracking.method.host.delayed
     delayed = revise(delay) if revise is not None and delay else None
     loop = FrameLoop(tracking, frames, found_by, delayed, waiting, checkpoints)
@@ -271,17 +266,3 @@ def _open_page(
         else:
             on_live(page.address)
         yield view
-
-
-def _choose_delay(asked: int | None, tracker: Tracker, source: Source) -> int:
-    """Frames that answers wait."""
-    can_wait = tracker.method.host.delayed is not None
-    if asked is None:
-        return RECORDED_DELAY if can_wait and not isinstance(source, LiveSource) else 0
-    check_option("delay", asked, 0, _MAX_DELAY)
-    if asked and not can_wait:
-        raise ConfigError(
-            f"tracker '{tracker.method.name}' never revises an answer; leave out delay, or use "
-            "tracker 'plus'"
-        )
-    return asked

@@ -6,6 +6,7 @@ thread of its own. Kernels of a step are too small to be shared one by one.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import threading
 from collections.abc import Iterator, Sequence
@@ -234,6 +235,7 @@ def score_batch(
         leaf, ((0, more_frames), (0, lacking)), constant_values=NONE
     )
     more = ((0, more_frames), (0, batch - num_settings), (0, 0))
+    answers = dataclasses.replace(answers, evidence={})
     absent = jax.tree.unflatten(jax.tree.structure(answers), (Outcome.EMPTY, NO_ID, 0, 0, 0))
     filled = jax.tree.map(
         lambda leaf, value: np.pad(leaf, more[: leaf.ndim], constant_values=value), answers, absent

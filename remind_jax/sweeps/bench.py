@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,10 +11,12 @@ from typing import Any
 from remind_jax import __version__
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
+from remind_jax.compiled.programs import is_of_this_package
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.errors import SweepError
-from remind_jax.method import get_method
+from remind_jax.method import Method, get_method
+from remind_jax.session.delay import choose_delay
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import Sampling, Source, open_source
 from remind_jax.sources.opening import check_options
@@ -24,8 +28,8 @@ from remind_jax.sweeps.settings import (
     Setting,
     Value,
     as_settings,
-    check_space,
     complete,
+    complete_space,
 )
 from remind_jax.sweeps.worker import Progress, Worker, group_by_description
 
@@ -41,10 +45,12 @@ class SceneBench:
         scenes: Any,
         *,
         config: str | Path | Config | Mapping[str, Any] = "default",
+        tracker: str | None = None,
         backbone: str | Backbone = "patch-statistics",
         weights: str | Path | None = None,
         feature_cache: str | Path | None = None,
         sampling: Sampling | Mapping[str, Any] | None = None,
+        delay: int | None = None,
         memory_gib: float = DEFAULT_BUDGET_GIB,
         batch: int | None = None,
         out: str | Path | None = None,
@@ -66,8 +72,10 @@ class SceneBench:
         for name, value, most in (("batch", batch, MAX_BATCH), ("workers", workers, MAX_WORKERS)):
             if value is not None:
                 check_option(name, value, 1, most)
-        self._config = load_config(config)
-        self._sweeping = get_method(self._config.tracker).sweeping
+        self._config = _choose(config, tracker)
+        method = get_method(self._config.tracker)
+        self._sweeping, self._delay = method.sweeping, choose_delay(delay, method)
+        self._code = _code_of(method)
         self._backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
         sources = [
             open_source(scene, sampling=sampling, **source_options) for scene in _as_list(scenes)
@@ -78,9 +86,11 @@ class SceneBench:
         self._keep_scenes, self._read = keep_scenes, {}
         self._reading: dict[str, float] = {}
         if workers is None and cluster is None:
-            self._crew = Worker(self._config, memory_gib, batch)
+            self._crew = Worker(self._config, memory_gib, batch, self._delay)
         else:
-            self._crew = Cluster(self._config, memory_gib, batch, workers, cluster)
+            self._crew = Cluster(
+                self._config, memory_gib, batch, workers, cluster, delay=self._delay
+            )
 
     @property
     def scenes(self) -> tuple[str, ...]:
@@ -92,9 +102,9 @@ class SceneBench:
         """Name of the method whose thresholds settings are about."""
         return self._config.tracker
 
-    def check_space(self, space: Mapping[str, Iterable[Value]]) -> None:
-        """Checks what settings will be made of (`settings.check_space`)."""
-        check_space(space, self._config)
+    def complete_space(self, space: Mapping[str, Iterable[Value]]) -> dict[str, list[Value]]:
+        """What settings will be made of, checked (`settings.complete_space`)."""
+        return complete_space(space, self._config)
 
     def run(self, settings: Sequence[Mapping[str, Value]]) -> SweepResult:
         """Scores every setting on every scene; what has a row already is not run again.
@@ -125,6 +135,8 @@ class SceneBench:
         scene = self._load(name)
         origin = {
             "config": scene.config.to_dict(),
+            "delay": self._delay,
+            "code": self._code,
             "scene": scene.digest,
             "version": __version__,
         }
@@ -192,10 +204,12 @@ def sweep(
     settings: Mapping[str, Iterable[Value]] | Sequence[Mapping[str, Value]],
     *,
     config: str | Path | Config | Mapping[str, Any] = "default",
+    tracker: str | None = None,
     backbone: str | Backbone = "patch-statistics",
     weights: str | Path | None = None,
     feature_cache: str | Path | None = None,
     sampling: Sampling | Mapping[str, Any] | None = None,
+    delay: int | None = None,
     memory_gib: float = DEFAULT_BUDGET_GIB,
     batch: int | None = None,
     out: str | Path | None = None,
@@ -204,17 +218,21 @@ def sweep(
     cluster: str | None = None,
     **source_options: Any,
 ) -> SweepResult:
-    """Scores every setting on every scene; a row equals the single run with that setting.
+    """Scores every setting on every scene; a row equals the scores of the run with that setting.
 
     Args:
       scenes: One source with masks of known objects, or a list of them (`open_source`).
       settings: Values by threshold, all combinations of which are swept, or a list of settings
         (`settings.draw`, `settings.read_settings`).
       config: What a setting does not name.
+      tracker: Name of the method, with the thresholds of the configuration if it is its own, else
+        the published ones.
       backbone: What patch features come from.
       weights: Converted weight file of the backbone.
       feature_cache: Folder of features that are kept and reused; none if left out.
       sampling: Which frames are processed.
+      delay: Frames that answers wait, as in `run`; 0: what is answered at once is scored, as it is
+        live.
       memory_gib: Memory that the compiled program may take, on each device.
       batch: Settings side by side; chosen by memory if left out.
       out: Folder that rows are written to as they come, and read from if they are there already.
@@ -231,14 +249,16 @@ def sweep(
       RemindError: If a scene, a setting or the configuration is not accepted.
     """
     check_options(source_options, sweep)
-    chosen = complete(as_settings(settings), load_config(config))
+    chosen = complete(as_settings(settings), _choose(config, tracker))
     bench = SceneBench(
         scenes,
         config=config,
+        tracker=tracker,
         backbone=backbone,
         weights=weights,
         feature_cache=feature_cache,
         sampling=sampling,
+        delay=delay,
         memory_gib=memory_gib,
         batch=batch,
         out=out,
@@ -249,6 +269,20 @@ def sweep(
         **source_options,
     )
     return bench.run(chosen)
+
+
+def _choose(config: str | Path | Config | Mapping[str, Any], tracker: str | None) -> Config:
+    chosen = load_config(config)
+    return chosen if tracker is None else chosen.with_tracker(tracker)
+
+
+def _code_of(method: Method) -> str:
+    """The module of a method that is not of this package; what that imports is not looked at."""
+    if is_of_this_package(method.decide):
+        return ""
+    with contextlib.suppress(OSError, TypeError):  # typed at a prompt
+        return inspect.getsource(inspect.getmodule(method.decide) or method.decide)
+    return ""
 
 
 class _Tally:

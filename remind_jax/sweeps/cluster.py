@@ -34,6 +34,7 @@ class Cluster:
         batch: int | None,
         workers: int | None,
         address: str | None,
+        delay: int,
     ) -> None:
         """Joins a cluster, or starts one on this machine.
 
@@ -43,6 +44,7 @@ class Cluster:
           batch: Settings side by side in a worker, and settings per task.
           workers: Tasks at the same time; as many as the cluster has CPUs (GPUs) if left out.
           address: Of a running Ray cluster; one is started on this machine if left out.
+          delay: Frames that answers wait.
 
         Raises:
           SweepError: If Ray is missing, or the cluster cannot be reached.
@@ -53,6 +55,7 @@ class Cluster:
         self._ray = _join(address, workers)
         self._most, self._batch = workers, batch
         self._config, self._memory_gib = self._ray.put(config), memory_gib
+        self._delay = delay
         self._waiting: list[tuple[Any, dict[int, Setting], Keep]] = []
         self._running: dict[Any, tuple[list[int], Keep]] = {}
         has_gpus = self._ray.cluster_resources().get("GPU", 0) > 0
@@ -112,7 +115,7 @@ class Cluster:
         while self._waiting and (self._most is None or len(self._running) < self._most):
             shown, part, keep = self._waiting.pop(0)
             task = self._task.remote(
-                shown, list(part.values()), self._config, self._memory_gib, self._batch
+                shown, list(part.values()), self._config, self._memory_gib, self._batch, self._delay
             )
             self._running[task] = list(part), keep
 
@@ -123,17 +126,18 @@ def run_task(
     config: Config,
     memory_gib: float,
     batch: int | None,
+    delay: int,
 ) -> tuple[list[dict[str, float]], int, int]:
     """Scores of some settings, the batch size and the bytes of the program; runs in a worker."""
-    worker = _worker(config, memory_gib, batch)
+    worker = _worker(config, memory_gib, batch, delay)
     scores: list[dict[str, float]] = []
     jobs = [dict(enumerate(settings))]
     worker.start(scene, jobs, lambda numbers, rows: scores.extend(rows))
     return scores, worker.batch, worker.program_bytes
 
 
-def _worker(config: Config, memory_gib: float, batch: int | None) -> Worker:
-    return _worker_of(_Same(config), memory_gib, batch)
+def _worker(config: Config, memory_gib: float, batch: int | None, delay: int) -> Worker:
+    return _worker_of(_Same(config), memory_gib, batch, delay)
 
 
 class _Same:
@@ -150,9 +154,9 @@ class _Same:
 
 
 @functools.lru_cache(maxsize=1)
-def _worker_of(same: _Same, memory_gib: float, batch: int | None) -> Worker:
+def _worker_of(same: _Same, memory_gib: float, batch: int | None, delay: int) -> Worker:
     """Ray keeps processes: what one task compiled and described serves the next."""
-    return Worker(same.config, memory_gib, batch)
+    return Worker(same.config, memory_gib, batch, delay)
 
 
 def _join(address: str | None, workers: int | None) -> Any:

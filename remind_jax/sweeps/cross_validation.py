@@ -10,7 +10,13 @@ import numpy as np
 
 from remind_jax.errors import SweepError
 from remind_jax.printing.small_table import Printable, SmallTable
-from remind_jax.sweeps.result import SweepResult, markdown_table, mean_known, show_setting
+from remind_jax.sweeps.result import (
+    SweepResult,
+    markdown_table,
+    mean_known,
+    show_setting,
+    sign_of,
+)
 from remind_jax.sweeps.search import GIVEN
 from remind_jax.sweeps.settings import Setting
 
@@ -44,7 +50,8 @@ class CrossValidation(Printable):
     @property
     def gains(self) -> np.ndarray:
         """How much better than the configuration as it stands, `[folds]`."""
-        return self.scores - np.array([fold.given_score for fold in self.folds])
+        given = np.array([fold.given_score for fold in self.folds])
+        return sign_of(self.metric) * (self.scores - given)
 
     def interval(self, of: Sequence[float] | np.ndarray | None = None) -> Interval:
         """Percentile bootstrap interval over scenes of a mean, at 95 %; NaN with one scene.
@@ -106,9 +113,9 @@ def choose_without(result: SweepResult, scene: str, metric: str = "IDF1") -> int
     """Index of the setting of best mean score over the other scenes; of equals the earlier.
 
     Raises:
-      SweepError: If there is no other scene, or none has the score.
+      SweepError: If there is no other scene, or none has the score, or nothing is best by it.
     """
-    column = result.table()[:, :, result.metrics.index(metric)]
+    column = sign_of(metric) * result.table()[:, :, result.metrics.index(metric)]
     others = [index for index, name in enumerate(result.scenes) if name != scene]
     if not others or np.all(np.isnan(column[:, others])):
         raise SweepError(f"no scene but '{scene}' has a {metric} to choose a setting by")
@@ -123,7 +130,7 @@ def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation
     Args:
       result: Rows of at least two scenes; the setting `{}` in it is what gains are counted from,
         the first one if it is missing.
-      metric: Score, higher is better.
+      metric: Score by which settings are chosen.
 
     Raises:
       SweepError: If there are fewer than two scenes, or there is no such score.

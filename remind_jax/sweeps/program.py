@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -48,6 +48,7 @@ class Answers:
     outcome: Int[Array, "T S N"]  # decision.Outcome
     object_id: Int[Array, "T S N"]  # -1 where undecided
     score: Float[Array, "T S N"]
+    evidence: Mapping[str, Int[Array, "T S N"]]  # what the method revises answers by
     needed_objects: Int[Array, "T S"]  # slots that the frame lacked, 0 if they sufficed
     needed_pending: Int[Array, "T S"]
 
@@ -80,7 +81,14 @@ def follow(
     def advance(state: Any, t: Any, frame: Any) -> tuple[Any, Answers]:
         state = settle_types(method.decide(state, frame, static=static, thresholds=t)[0])
         said, lacks = state.decisions, state.overflow
-        answers = Answers(said.outcome, said.object_id, said.score, lacks.objects, lacks.pending)
+        answers = Answers(
+            outcome=said.outcome,
+            object_id=said.object_id,
+            score=said.score,
+            evidence=method.host.evidence(state),
+            needed_objects=lacks.objects,
+            needed_pending=lacks.pending,
+        )
         return state, answers
 
     def follow_one(given: tuple[Any, Any]) -> tuple[Any, Answers]:
@@ -196,7 +204,7 @@ def _compile(
     states = jax.eval_shape(lambda: empty_memories(method, static, num_settings))
     run = functools.partial(follow, method=method, static=static)
     if (where := _shardings()) is None:
-        return _compile_kept(run, method.decide, states, shapes, structure)
+        return _compile_kept(run, states, shapes, structure)
     settings, frame, answers = where
     # Every device goes its own way: a branch is taken where one of its own settings needs it.
     program = jax.jit(
@@ -218,14 +226,17 @@ def _compile(
 
 def _compile_kept(
     run: functools.partial,
-    decide: Callable[..., Any],
     states: Any,
     shapes: Shapes,
     structure: Any,
 ) -> Program:
     """The program of one device, kept for other processes if the method is of this package."""
+    method, static = run.keywords["method"], run.keywords["static"]
     state_leaves, state_structure = jax.tree.flatten(states)
     num = len(state_leaves)
+    evidence = dict(jax.eval_shape(method.host.evidence, states))
+    blank: Any = 0
+    answers = jax.tree.structure(Answers(blank, blank, blank, evidence, blank, blank))
 
     def on_leaves(*leaves: Any) -> Any:
         thresholds, frames = jax.tree.unflatten(structure, leaves[num:])
@@ -236,15 +247,16 @@ def _compile_kept(
             "follow",
             on_leaves,
             (*shapes_of(states), *shapes),
-            (identify(decide), run.keywords["static"], structure),
+            (identify(method.decide), static, structure),
             num_donated=num,
-            is_kept=is_of_this_package(decide) and run.keywords["static"].solver != "host",
+            is_kept=is_of_this_package(method.decide) and static.solver != "host",
         )
     )
 
     def follow_leaves(states: Any, thresholds: Any, frames: Any) -> tuple[Any, Answers]:
         results = program(*jax.tree.leaves((states, thresholds, frames)))
-        return jax.tree.unflatten(state_structure, results[:num]), Answers(*results[num:])
+        states = jax.tree.unflatten(state_structure, results[:num])
+        return states, jax.tree.unflatten(answers, results[num:])
 
     return Program(follow_leaves, program.num_bytes)
 

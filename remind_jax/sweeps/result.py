@@ -17,6 +17,21 @@ from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.sweeps.records import Row
 from remind_jax.sweeps.settings import Setting
 
+HIGH_IS_GOOD = ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery", "Firm")
+LOW_IS_GOOD = ("Ambiguous", "Provisional")
+
+
+def sign_of(metric: str) -> int:
+    """1 where more is better, -1 where less is.
+
+    Raises:
+      SweepError: If neither is, as of the number of identities.
+    """
+    known = (*HIGH_IS_GOOD, *LOW_IS_GOOD)
+    if metric not in known:
+        raise SweepError(f"nothing is best by {metric!r}; {nearest_names(metric, known)}")
+    return -1 if metric in LOW_IS_GOOD else 1
+
 
 @dataclasses.dataclass(frozen=True)
 class Standing:
@@ -73,14 +88,15 @@ class SweepResult(Printable):
         ]
 
     def best(self, metric: str = "IDF1", number: int = 1) -> list[Standing]:
-        """The settings of highest mean score; of equals the earlier.
+        """The settings of best mean score; of equals the earlier.
 
         Raises:
-          SweepError: If there is no such score.
+          SweepError: If there is no such score, or nothing is best by it.
         """
         self._check(metric)
+        sign = sign_of(metric)
         known = [s for s in self.standings() if not math.isnan(s.scores[metric])]
-        return sorted(known, key=lambda s: -s.scores[metric])[:number]
+        return sorted(known, key=lambda s: -sign * s.scores[metric])[:number]
 
     def pareto(self, high: str = "IDF1", low: str = "Ambiguous") -> list[Standing]:
         """Settings that no other one beats in both: a high score, and little of something else.

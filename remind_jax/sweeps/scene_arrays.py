@@ -130,16 +130,16 @@ def load_scene(
       SourceError: If the source is empty, or does not say which objects its masks show.
     """
     reader = Tracker(config.updated({"thresholds": nest(reduced_with or {})}), backbone)
-    feats, masks, observed, instances, brings_features = _read(source, reader)
+    feats, masks, observed, instances, labels, brings_features = _read(source, reader)
     if not brings_features:
         config = config.for_backbone(*backbone.identity)
     found = sorted({int(i) for ids in instances for i in ids} - {NO_INSTANCE})
     if not found:
         raise SourceError(
-            f"'{source.name}' does not say which object a mask shows; a sweep is scored against "
-            "annotated masks"
+            f"'{source.name}' holds no mask of a known object; a sweep is scored against masks "
+            "that say which object they show"
         )
-    truth = _truth(instances, masks, found)
+    truth = _truth(instances, labels, found)
     return SceneFrames(source.name, feats, masks, observed, truth, config)
 
 
@@ -158,15 +158,17 @@ def stack_scene(
       >>> method = rj.get_method("default")
       >>> def advance(state, frame):
       ...     state = method.step(state, *frame, static=scene.static, thresholds=scene.settings)
-      ...     return state, state.decisions.object_id
-      >>> state, ids = jax.lax.scan(advance, method.init(scene.static), scene.frames)
+      ...     return state, (state.decisions.object_id, state.overflow.objects)
+      >>> state, (ids, lacked) = jax.lax.scan(advance, method.init(scene.static), scene.frames)
+      >>> assert not lacked.any()
 
     Args:
       source: Whatever `open_source` opens, with its detections.
       config: The method, its settings and how input is read.
       backbone: What features come from where the source brings none.
       num_objects: Object slots, as in the configuration if left out. `state.overflow.objects` says
-        how many the last frame lacked, 0 if they sufficed.
+        after each frame how many it needed, 0 if they sufficed; collect it, for a frame that lacks
+        some changes nothing else, and the next one may have enough.
       **source_options: Of `open_source`: `masks`, `sampling`, ...
 
     Raises:
@@ -177,7 +179,7 @@ def stack_scene(
     source = open_source(source, **source_options)
     config = load_config(config)
     backbone = open_backbone(backbone)
-    feats, masks, observed, _, brings_features = _read(source, Tracker(config, backbone))
+    feats, masks, observed, *_, brings_features = _read(source, Tracker(config, backbone))
     if not brings_features:
         config = config.for_backbone(*backbone.identity)
     static = dataclasses.replace(
@@ -196,9 +198,12 @@ def stack_scene(
 
 def _read(
     source: Source, reader: Tracker
-) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], bool]:
-    """Features, masks, what is observed and instances of all frames; whether it brings features."""
-    feats, masks, observed, instances = [], [], [], []
+) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], list[tuple[str, ...]], bool]:
+    """Of all frames features, masks, what is observed, instances and classes.
+
+    Last, whether it brings features.
+    """
+    feats, masks, observed, instances, labels = [], [], [], [], []
     brings_features = False
     for frame in source:
         prepared = reader.prepare(frame)
@@ -207,18 +212,20 @@ def _read(
         masks.append(prepared.masks)
         observed.append(prepared.observed)
         instances.append(prepared.detections.instance_ids)
+        labels.append(prepared.detections.labels)
     if not masks:
         raise SourceError(f"'{source.name}' has no frames")
-    return feats, masks, observed, instances, brings_features
+    return feats, masks, observed, instances, labels, brings_features
 
 
-def _truth(instances: list[np.ndarray], masks: list[Masks], found: list[int]) -> Truth:
+def _truth(instances: list[np.ndarray], labels: list[tuple[str, ...]], found: list[int]) -> Truth:
+    class_ids = {name: number for number, name in enumerate(sorted(set().union(*labels)))}
     number = {instance: index for index, instance in enumerate(found)}
     shape = (len(instances), max(len(ids) for ids in instances))
     index, classes = np.full(shape, NONE, np.int32), np.full(shape, NONE, np.int32)
     for frame, ids in enumerate(instances):
         index[frame, : len(ids)] = [number.get(int(instance), NONE) for instance in ids]
-        classes[frame, : len(ids)] = masks[frame].class_id
+        classes[frame, : len(ids)] = [class_ids[name] for name in labels[frame]]
     return Truth(index, classes, len(found))
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from remind_jax.errors import SweepError, nearest_names
-from remind_jax.sweeps.result import SweepResult
+from remind_jax.sweeps.result import SweepResult, sign_of
 from remind_jax.sweeps.settings import Setting, Value
 
 if TYPE_CHECKING:
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
 Space = Mapping[str, Sequence[Value]]  # as in `settings.draw`
 SamplerName = Literal["tpe", "nsga2"]
-
-HIGH_IS_GOOD = ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery", "Firm")
-LOW_IS_GOOD = ("Ambiguous", "Provisional")
 
 GIVEN: Setting = {}  # the configuration as it stands; the first row of every search
 
@@ -61,7 +58,7 @@ def search(
         raise SweepError(
             f"a search of {number} settings, {at_once} at once, is none; give at least 1 of both"
         )
-    bench.check_space(space)
+    space = bench.complete_space(space)
     study = _open_study(space, sampler, objectives, at_once, seed)
     found: list[SweepResult] = []
     tried = 0
@@ -106,10 +103,7 @@ def _open_study(
     for name, values in space.items():
         if len(values) < 2:
             raise SweepError(f"{name} has {len(values)} value; give its least and its largest")
-    known = (*HIGH_IS_GOOD, *LOW_IS_GOOD)
-    for name in objectives:
-        if name not in known:
-            raise SweepError(f"{name!r} is no objective; {nearest_names(name, known)}")
+    signs = [sign_of(name) for name in objectives]
     if not objectives:
         raise SweepError("a search has no objective; give at least one")
     level = optuna.logging.get_verbosity()
@@ -117,7 +111,7 @@ def _open_study(
     try:
         return optuna.create_study(
             sampler=_make_sampler(sampler, at_once, seed),
-            directions=["maximize" if n in HIGH_IS_GOOD else "minimize" for n in objectives],
+            directions=["maximize" if sign > 0 else "minimize" for sign in signs],
         )
     finally:
         optuna.logging.set_verbosity(level)

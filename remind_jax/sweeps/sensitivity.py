@@ -12,7 +12,7 @@ import numpy as np
 from remind_jax.errors import SweepError
 from remind_jax.method import PAPER_METHOD
 from remind_jax.settings.ranges import check_option
-from remind_jax.sweeps.result import SweepResult, markdown_table
+from remind_jax.sweeps.result import SweepResult, markdown_table, sign_of
 from remind_jax.sweeps.search import GIVEN, Space
 from remind_jax.sweeps.settings import MAX_SETTINGS, Setting, Value
 
@@ -83,6 +83,7 @@ class Curve:
     values: tuple[Value, ...]
     scores: tuple[float, ...]
     given_score: float  # of the configuration as it stands
+    metric: str = "IDF1"
 
     @property
     def span(self) -> float:
@@ -110,7 +111,7 @@ def move_one_at_a_time(
     """
     check_option("number", number, 2, MAX_SETTINGS)
     space = space or space_of(bench.tracker)
-    bench.check_space(space)
+    space = bench.complete_space(space)
     values = {name: spread(ends, number) for name, ends in space.items()}
     settings: list[Setting] = [{name: v} for name, several in values.items() for v in several]
     result = bench.run([GIVEN, *settings])
@@ -121,7 +122,7 @@ def move_one_at_a_time(
     curves, first = [], 0
     for name, several in values.items():
         last = first + len(several)
-        curves.append(Curve(name, tuple(several), tuple(scores[first:last]), given))
+        curves.append(Curve(name, tuple(several), tuple(scores[first:last]), given, metric))
         first = last
     return sorted(curves, key=lambda curve: -np.nan_to_num(curve.span)), result
 
@@ -155,7 +156,8 @@ def curves_to_markdown(curves: Sequence[Curve]) -> str:
     """One line per threshold: its range, how far the score moves, and where it is best."""
     rows = []
     for curve in curves:
-        best = int(np.argmax(np.nan_to_num(curve.scores, nan=-math.inf)))
+        good = sign_of(curve.metric) * np.array(curve.scores)
+        best = int(np.argmax(np.nan_to_num(good, nan=-math.inf)))
         ends = f"{curve.values[0]:g} to {curve.values[-1]:g}"
         scores = (f"{curve.scores[best]:.3f}", f"{curve.given_score:.3f}")
         rows.append((curve.name, ends, f"{curve.span:.3f}", f"{curve.values[best]:g}", *scores))

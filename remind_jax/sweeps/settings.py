@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
+import numbers
 import re
 import reprlib
 from collections import Counter
@@ -227,14 +228,23 @@ def _read_table(path: Path) -> list[Setting]:
     return settings
 
 
-def check_space(space: Mapping[str, Iterable[Value]], config: Config) -> None:
-    """Checks what settings will be made of, before the first is tried.
+def complete_space(space: Mapping[str, Iterable[Value]], config: Config) -> dict[str, list[Value]]:
+    """What settings will be made of, checked before the first is tried.
+
+    Values are of the kind of their threshold: 0 and 1 are the ends of a range of whole numbers only
+    where the threshold takes nothing else.
 
     Raises:
       ConfigError: If a threshold is unknown, or one of its values is not allowed.
     """
-    for name, values in space.items():
-        complete([{name: value} for value in values], config)
+    return {
+        name: [
+            value
+            for setting in complete([{name: value} for value in values], config)
+            for value in setting.values()
+        ]
+        for name, values in space.items()
+    }
 
 
 def complete(settings: Sequence[Mapping[str, Value]], config: Config) -> list[Setting]:
@@ -290,9 +300,10 @@ def stack(
       scalar: Type of numbers that are not whole.
 
     Raises:
-      ConfigError: If there is no threshold of a name.
+      ConfigError: If there is no threshold of a name, or a value is of another kind.
     """
     kinds = {bool: np.bool_, int: np.int32, float: scalar}
+    may_be = {bool: (bool, np.bool_), int: numbers.Integral, float: numbers.Real}
     leaves, structure = jax.tree_util.tree_flatten_with_path(thresholds)
     known = [".".join(key.name for key in path) for path, _ in leaves]
     for name in sorted({name for setting in settings for name in setting}.difference(known)):
@@ -301,6 +312,13 @@ def stack(
     def column(path: Sequence[Any], value: Value) -> np.ndarray:
         name = ".".join(key.name for key in path)
         values = [setting.get(name, value) for setting in settings]
+        for one in values:
+            is_switch = isinstance(one, bool | np.bool_)
+            if not isinstance(one, may_be[type(value)]) or is_switch != isinstance(value, bool):
+                raise ConfigError(
+                    f"threshold {name!r} is {reprlib.repr(one)} in a setting; it is a value of the "
+                    f"kind of {value!r}"
+                )
         return np.asarray(values, kinds[type(value)])
 
     return jax.tree.unflatten(structure, [column(path, value) for path, value in leaves])

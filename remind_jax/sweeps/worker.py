@@ -14,6 +14,7 @@ from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.method import get_method
 from remind_jax.sweeps.batches import most_at_once, plan_batch, run_batch, score_batch
+from remind_jax.sweeps.delayed import revise
 from remind_jax.sweeps.scene_arrays import SceneFrames, describe_scene
 from remind_jax.sweeps.settings import Setting
 
@@ -41,14 +42,18 @@ class Progress:
 class Worker:
     """Keeps what the next settings may need again: capacities, batch size, described frames."""
 
-    def __init__(self, config: Config, memory_gib: float, batch: int | None = None) -> None:
+    def __init__(
+        self, config: Config, memory_gib: float, batch: int | None = None, delay: int = 0
+    ) -> None:
         """Prepares a worker.
 
         Args:
           config: Capacities and the method; what a setting does not name comes with the scene.
           memory_gib: Memory that the compiled program may take, on each device.
           batch: Settings side by side; chosen by memory if left out.
+          delay: Frames that answers wait.
         """
+        self._delay = delay
         self.batch, self.program_bytes = 0, 0
         self._static = config.static
         self._budget_bytes, self._wanted = int(memory_gib * GIB), batch
@@ -76,6 +81,7 @@ class Worker:
                     self.batch, self._budget_bytes if self._wanted is None else None,
                 )  # fmt: skip
                 if answers is not None:
+                    answers = revise(answers, self._method, self._delay)
                     keep(part, score_batch(scene, answers, grown, self.batch))
                     numbers = numbers[len(part) :]
                 if grown != self._static:

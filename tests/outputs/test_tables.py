@@ -83,6 +83,15 @@ def test_mots_masks_do_not_overlap():
     np.testing.assert_array_equal(read[1:], masks[1:])
 
 
+def test_an_identity_has_one_class_in_mots():
+    masks = squares((2, 2))
+    frames = [
+        make_tracks(number, masks, [{"object_id": 0, "label": label}])
+        for number, label in enumerate(("cup", "book", "cup"))
+    ]
+    assert {line.split()[2] for line in mots_lines(frames, ("book", "cup"))} == {"2"}
+
+
 def test_mots_leaves_out_a_mask_hidden_by_others():
     masks = squares((2, 2), (2, 2))
     rows = [{"object_id": 0, "confidence": 0.9}, {"object_id": 1, "confidence": 0.5}]

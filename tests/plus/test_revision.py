@@ -8,7 +8,7 @@ import pytest
 
 from remind_jax.decision import Outcome, Status
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.plus.revision import DelayedAnswers, find_merges
+from remind_jax.plus.revision import DelayedAnswers, evidence, find_merges
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_tracks
 
@@ -38,9 +38,7 @@ def state(tracklets, merged=None, answer=None, is_open=True):
 def run(delay, frames):
     """Object ids of all frames as they leave."""
     held = DelayedAnswers(delay)
-    out = [
-        pair for tracks, after in frames for pair in held.push(None, tracks, held.evidence(after))
-    ]
+    out = [pair for tracks, after in frames for pair in held.push(None, tracks, evidence(after))]
     return [tracks for _, tracks in out + held.flush()]
 
 

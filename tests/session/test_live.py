@@ -1,12 +1,14 @@
 """The live tracker: one compilation, warm-ups, and choices that are refused."""
 
+import jax
 import numpy as np
 import pytest
 
-from remind_jax.errors import ConfigError
+from remind_jax.errors import ConfigError, RemindError
 from remind_jax.frame import Detections, Frame
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
+from remind_jax.session.memory_parts import read_parts
 from tests.cli import scenes
 
 # Of a tracker that compiles quickly: what is asked here does not depend on who decides.
@@ -75,6 +77,12 @@ def test_nothing_of_the_stream_before_is_left_after_load_and_reset(tmp_path):
     tracker.save(path)
     tracker.load(path)
     assert tracker.preparer.last_image is None
+    kept = tmp_path / "kept"
+    tracker.checkpoint(kept)
+    tracker.reset()
+    tracker.update(*frames(1)[0])
+    tracker.checkpoint(kept)  # not what changed since the memory that is gone
+    assert len(read_parts(kept)) == 1
     tracker.reset()
     rng = np.random.default_rng(0)
     masks = np.zeros((1, 96, 128), bool)
@@ -85,3 +93,30 @@ def test_nothing_of_the_stream_before_is_left_after_load_and_reset(tmp_path):
     tracker.update(*frames(1)[0])
     tracker.save(path)
     assert load_memory(path).backbone == tracker.features.described_by
+
+
+def test_a_camera_may_give_one_buffer_again_and_again():
+    own, shared = Tracker({"tracker": "plus"}), Tracker({"tracker": "plus"})
+    buffer = np.empty_like(frames(1)[0][0])
+    for image, labels in frames(3):
+        buffer[:] = image
+        own.update(image, labels)
+        shared.update(buffer, labels)
+    for left, right in zip(*map(jax.tree.leaves, (own.state, shared.state)), strict=True):
+        np.testing.assert_array_equal(left, right)
+
+
+def test_a_memory_that_is_refused_changes_nothing(tmp_path):
+    rng = np.random.default_rng(0)
+    features = rng.normal(size=(6, 8, 7)).astype(np.float32)
+    given = Tracker(CONFIG)
+    given.update(
+        Frame(0, 0, 0.0, "0", None, Detections.create(np.ones((1, 96, 128), bool)), features)
+    )
+    given.save(tmp_path / "given")
+    tracker = Tracker({**CONFIG, "static": {**CONFIG["static"], "first_object_id": 1}})
+    assert min(tracker.update(*frames(1)[0]).object_id) == 1
+    with pytest.raises(RemindError, match="first_object_id"):
+        tracker.load(tmp_path / "given")
+    tracker.save(tmp_path / "own")
+    assert load_memory(tmp_path / "own").backbone == tracker.features.described_by

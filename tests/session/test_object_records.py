@@ -344,3 +344,15 @@ def test_what_is_one_stays_one_where_memory_lost_the_object_that_it_is_named_aft
     assert records.with_merged({1, 3}) == {1, 2, 3}
     read = from_file([to_file(records, records.with_merged({2, 3}))])
     assert (read.merged_into, read.names) == (records.merged_into, records.names)
+
+
+def test_a_name_given_after_a_merge_leaves_the_others_theirs():
+    records = ObjectRecords()
+    for number in range(3):
+        records.note(seen(number, [0, 1]), None)
+    records.rename(0, "left")
+    records.rename(1, "right")
+    records.merge(0, [1])
+    records.rename(0, "mug")
+    assert records.split(0) == (1,)
+    assert [one.name for one in records.objects()] == ["mug", "right"]

@@ -32,8 +32,9 @@ class FakeBench:
         )
         return SweepResult(tuple(dict(s) for s in settings), self.scenes, rows, 4, 0)
 
-    def check_space(self, space) -> None:
-        """Everything is allowed."""
+    def complete_space(self, space):
+        """Everything is allowed, as it is."""
+        return space
 
 
 def hill(setting: Setting, scene: int) -> dict[str, float]:

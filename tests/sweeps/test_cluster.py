@@ -97,14 +97,14 @@ def formula(scene, settings):
     return [{"IDF1": scene.num_frames + 10 * s.get("matching.match", 0.0)} for s in settings]
 
 
-def stand_in(scene, settings, config, memory_gib, batch):
+def stand_in(scene, settings, config, memory_gib, batch, delay):
     """What `run_task` does, without a tracker to compile."""
     assert os.environ["PJRT_NPROC"] == "1", "a task has one core, and no more threads for its steps"
     time.sleep(0.5)
     return formula(scene, settings), batch, 0
 
 
-def break_down(scene, settings, config, memory_gib, batch):
+def break_down(scene, settings, config, memory_gib, batch, delay):
     raise ZeroDivisionError("no such luck")
 
 

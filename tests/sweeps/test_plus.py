@@ -92,7 +92,7 @@ def test_answers_equal_single_runs(scenes, alone):
 @pytest.mark.slow
 def test_rows_are_the_scores_of_single_runs_whatever_the_capacities(scenes, alone):
     small = CONFIG.updated({"static": {"num_objects": 12}})  # fewer than a frame may need
-    result = sweep(scenes, SETTINGS, config=small, batch=12)
+    result = sweep(scenes, SETTINGS, config=small, batch=12, delay=0)
     for rows, *runs in zip(result.rows, *alone, strict=True):
         for row, tracks in zip(rows, runs, strict=True):
             scores = evaluate_tracks(tracks).scores()
@@ -100,6 +100,20 @@ def test_rows_are_the_scores_of_single_runs_whatever_the_capacities(scenes, alon
                 # Single precision on the device.
                 assert row.scores[name] == pytest.approx(scores[name], abs=1e-5, nan_ok=True), name
     assert len({row.scores["IDF1"] for rows in result.rows for row in rows}) > len(SETTINGS)
+
+
+@pytest.mark.slow
+def test_rows_are_the_scores_of_runs_that_wait(scenes):
+    settings = [{}, {"decision.new": 2.5}, {"decision.commit_age": 8}]
+    at_once = sweep(scenes[:1], settings, config=CONFIG, delay=0)
+    result = sweep(scenes[:1], settings, config=CONFIG)
+    for setting, (row,) in zip(settings, result.rows, strict=True):
+        config = CONFIG.updated({"thresholds": nest(setting)})
+        scores = evaluate_tracks(rj.run(scenes[0], config=config, progress=False).tracks).scores()
+        for name in ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery"):
+            # Single precision on the device.
+            assert row.scores[name] == pytest.approx(scores[name], abs=1e-5, nan_ok=True), name
+    assert not np.array_equal(at_once.table(), result.table(), equal_nan=True)
 
 
 def test_thresholds_are_those_of_the_method():

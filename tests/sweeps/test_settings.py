@@ -7,7 +7,7 @@ import pytest
 from remind_jax.config import load_config
 from remind_jax.errors import ConfigError, RemindError
 from remind_jax.sweeps import SceneBench, draw, parse_values, read_settings, sweep
-from remind_jax.sweeps.settings import MAX_SETTINGS, as_settings, check_space, complete
+from remind_jax.sweeps.settings import MAX_SETTINGS, as_settings, complete, complete_space, stack
 
 
 @pytest.mark.parametrize(
@@ -129,11 +129,24 @@ def test_what_cannot_be_drawn_is_refused(space, number):
         draw(space, number)
 
 
-def test_both_ends_of_a_range_are_checked_before_the_first_is_tried():
-    config = load_config("remind")
-    check_space({"matching.match": (0.5, 0.9)}, config)
+def test_both_ends_of_a_range_are_checked_and_of_the_kind_of_their_threshold():
+    config = load_config("default")
+    given = {"decision.new": (0, 1), "decision.commit_age": (2, 8)}
+    space = complete_space(given, config)
+    assert str(space) == "{'decision.new': [0.0, 1.0], 'decision.commit_age': [2, 8]}"
+    assert any(0 < setting["decision.new"] < 1 for setting in draw(space, 5))
     with pytest.raises(ConfigError, match=r"matching\.match .*supported: up to 2"):
-        check_space({"matching.match": (0.5, 90.0)}, config)
+        complete_space({"matching.match": (0.5, 90.0)}, load_config("remind"))
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [{"decision.late_frames": 2.7}, {"decision.new": "1"}, {"decision.new": True},
+     {"looks.whitening": 1}],
+)  # fmt: skip
+def test_values_of_another_kind_are_not_stacked(setting):
+    with pytest.raises(ConfigError, match=next(iter(setting))):
+        stack(load_config("default").thresholds, [{}, setting])
 
 
 @pytest.mark.parametrize(

@@ -122,5 +122,5 @@ def test_bad_input_is_told_before_work_starts():
         for frame in SCENES[0]
         if frame.detections is not None
     ]
-    with pytest.raises(SourceError, match="does not say which object"):
+    with pytest.raises(SourceError, match="no mask of a known object"):
         sweep([unknown], {"matching.match": [0.5]}, config=CONFIG)

@@ -74,7 +74,7 @@ def empty_memory(static: Static, looks: Any) -> SceneMemory:
     empty = SceneMemory(
         objects=Objects(id=column(NO_ID), class_id=column(NO_ID), last_seen=column(NEVER)),
         looks=looks,
-        next_id=number(0),
+        next_id=number(static.first_object_id),
         frame=number(0),
         decisions=no_decisions(static),
         overflow=Overflow(objects=number(0), pending=number(0)),
