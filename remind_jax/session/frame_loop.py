@@ -18,7 +18,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from remind_jax.decision import NO_ID
+from remind_jax.decision import NO_ID, Reason
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError
 from remind_jax.explanation.explainer import new_archive
@@ -184,13 +184,14 @@ class FrameLoop:
 
     def conclude(self, info: RunInfo, complete: bool) -> Result:
         """What was found so far, by what is announced now."""
-        self._note_end()
         announced = self.tracker.identities.announcements
         archive = self._archive
         if archive is not None and not announced.is_identity:
             archive = archive.renumbered(announced.number)
+        tracks = self.tracker.identities.conclude(self._decided)
+        self._note_end(tracks)
         return Result(
-            tracks=self.tracker.identities.conclude(self._decided),
+            tracks=tracks,
             info=info,
             timings_ms={stage: times.tolist() for stage, times in self._timings.items()},
             first_frame_ms=self._first_frame_ms,
@@ -348,19 +349,21 @@ class FrameLoop:
                 )
             )
 
-    def _note_end(self) -> None:
+    def _note_end(self, tracks: Sequence[Tracks]) -> None:
         """Reports what is known at the end: of the source, the detector, objects without an id."""
         if self._last_index is None:
             return
-        last, told = self._last_index, self.tracker.identities
+        last = self._last_index
         self._events += self._news(last)
         for reason, count in self._dropped.items():
             message = f"{count} detections were dropped by the detector: {reason} mask"
             self._events.append(Event(last, "dropped", message))
-        if num := len(told.announcements.counts):
+        too_few = (one.pending_id[one.reason == Reason.SEEN_TOO_FEW_TIMES] for one in tracks)
+        if num := len({one for ids in too_few for one in ids.tolist()}):
+            least = self.tracker.identities.announce_after
             message = (
-                f"{plural(num, 'object')} without an id: detected fewer than {told.announce_after} "
-                "times (--announce-after)"
+                f"{plural(num, 'object')} without an id: detected fewer than {least} times "
+                "(--announce-after)"
             )
             self._events.append(Event(last, "announced", message))
 

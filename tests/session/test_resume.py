@@ -82,6 +82,8 @@ def test_what_waits_and_traces_survive(tmp_path, options):
     break_off(tmp_path / "run", 5, **given)
     track(tmp_path / "run", resume=True, **given)
     assert compare_runs(tmp_path / "whole", tmp_path / "run") == []
+    told = [rj.Result.load(tmp_path / name).events for name in ("whole", "run")]
+    assert told[0] == told[1]
     if "trace" in given:
         one, other = (dict(np.load(tmp_path / name / "trace.npz")) for name in ("whole", "run"))
         jax.tree.map(np.testing.assert_array_equal, one, other)
