@@ -24,6 +24,7 @@ from remind_jax.files.limits import MAX_LABEL, MAX_PIXELS, MAX_SIDE_PX
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 NO_INSTANCE = -1
+UNTIMED_FPS = 10.0  # of frames that nobody gives a time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,7 +157,7 @@ def frame_of(picture: Any, index: int) -> Frame:
         raise SourceError(
             f"the frame is {image.dtype} of shape {image.shape}; give an RGB image, uint8 [H, W, 3]"
         )
-    return Frame(index, index, float(index), str(index), image)
+    return Frame(index, index, index / UNTIMED_FPS, str(index), image)
 
 
 def check_size(frame_size: Any) -> tuple[int, int]:
