@@ -29,7 +29,7 @@ def sign_of(metric: str) -> int:
     """
     known = (*HIGH_IS_GOOD, *LOW_IS_GOOD)
     if metric not in known:
-        raise SweepError(f"nothing is best by {metric!r}; {nearest_names(metric, known)}")
+        raise SweepError(f"no score {metric!r} says what is best; {nearest_names(metric, known)}")
     return -1 if metric in LOW_IS_GOOD else 1
 
 

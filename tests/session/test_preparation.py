@@ -98,7 +98,7 @@ def test_the_previous_image_is_observed_by_methods_that_observe(monkeypatch):
     for time_s, is_timed in ((5.0, True), (5.25, True), (5.25, True), (9.0, False), (9.5, True)):
         one.prepare(frame_of("mug", time_s=time_s, is_timed=is_timed), CONFIG)
     assert seen[0][0] is None
-    assert seen[1][0] is seen[0][1]
+    np.testing.assert_array_equal(seen[1][0], seen[0][1])
     assert [elapsed_s for _, _, elapsed_s in seen] == [None, 0.25, None, None, None]
 
 

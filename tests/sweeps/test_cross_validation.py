@@ -5,6 +5,7 @@ import pytest
 
 from remind_jax.errors import SweepError
 from remind_jax.sweeps.cross_validation import choose_without, cross_validate
+from remind_jax.sweeps.result import sign_of
 from tests.sweeps.fake_bench import FakeBench, hill
 
 SETTINGS = [{}, *({"matching.match": 0.4 + 0.05 * step} for step in range(12))]
@@ -33,6 +34,18 @@ def test_choice_is_the_best_mean_over_the_others():
     for index, scene in enumerate("abc"):
         others = np.delete(column, index, axis=1).mean(axis=1)
         assert choose_without(result, scene) == int(np.argmax(others))
+
+
+def test_where_less_is_better_the_least_is_best():
+    """As the share of ambiguous detections; `hill` has none at 0.5."""
+    result = FakeBench(hill, tuple("abc")).run(SETTINGS)
+    (best,) = result.best("Ambiguous")
+    assert best.setting == {"matching.match": 0.5}
+    validation = cross_validate(result, "Ambiguous")
+    assert {choose_without(result, scene, "Ambiguous") for scene in "abc"} == {best.index}
+    np.testing.assert_allclose(validation.gains, 0.05)
+    with pytest.raises(SweepError, match="no score 'Identities'"):
+        sign_of("Identities")
 
 
 def test_one_scene_is_too_few():

@@ -71,7 +71,7 @@ def test_interruption_keeps_what_was_found():
 
 def test_what_cannot_be_searched_is_told():
     bench = FakeBench(hill)
-    with pytest.raises(SweepError, match="nothing is best by 'IDF'"):
+    with pytest.raises(SweepError, match="no score 'IDF'"):
         search(bench, SPACE, objectives=("IDF",))
     with pytest.raises(SweepError, match="no sampler 'anneal'"):
         search(bench, SPACE, sampler="anneal")  # pyright: ignore[reportArgumentType]
