@@ -45,8 +45,7 @@ Ranges = Annotated[
 class Sweep:
     """Score many settings on annotated scenes: a table, the best, what they trade.
 
-    A row has the scores of the run with that setting. The first is the
-    configuration as it is.
+    A row scores the run with that setting; the first changes nothing.
 
     Rows are written as they come; the same command again goes on where it stopped.
 
