@@ -122,7 +122,8 @@ class Host:
     merges: Callable[[Any], list[tuple[int, int]]] | None = None
     # `delayed(delay)` makes what revises answers that wait: an object with
     # `push(frame, tracks, evidence) -> [(frame, tracks), ...]`, and `flush()`, which gives the
-    # rest. Of `tracks` it reads what an answer is (`sweeps.delayed.Said`) and nothing else.
+    # rest. Of `tracks` it reads and replaces ids, candidates, outcome, reason, status, score and
+    # confidence, and nothing else.
     delayed: Callable[[int], Any] | None = None
     # What that needs of a memory after a frame, `evidence(state) -> {name: [N]}`, whole numbers by
     # detection slot (also called under `jit`).

@@ -135,8 +135,9 @@ class LookIndex:
 
     def remove(self, owner: Owner) -> None:
         """Lets the looks of an object go."""
-        places = self._of_class[owner.class_id].owner
-        places[places == owner.id] = NO_ID
+        if owner.class_id in self._of_class:  # it may have none
+            places = self._of_class[owner.class_id].owner
+            places[places == owner.id] = NO_ID
 
     def search(
         self, looks: Float[np.ndarray, "Q D"], class_id: Int[np.ndarray, "Q"], num: int

@@ -186,6 +186,17 @@ def test_search_is_exact_however_looks_came_and_went():
     assert found[4].tolist() == [-1] * 3
 
 
+def test_an_object_without_looks_rests_as_well():
+    state = remembered(3)
+    state.objects.bank_count[1] = 0
+    archive = Archive()
+    rested = archive.rest(state, EMPTY, [1])
+    assert archive.wake(rested, archive.ids(), CENTER).objects.bank_count[1].sum() == 0
+    archive.rest(state, EMPTY, [1])
+    archive.forget([3])
+    assert not len(archive)
+
+
 def test_looks_are_whitened_anew_as_time_goes_on():
     state = remembered(9)
     archive = Archive()
