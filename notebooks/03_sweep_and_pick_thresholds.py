@@ -72,7 +72,7 @@ frames = len(found.settings) * sum(len(scene) for scene in scenes)
 print(f"{len(found.settings)} settings x {len(found.scenes)} scenes, {frames} settings x frames")
 
 # %% [markdown]
-# Every row equals the single run with that setting; a test of the repository checks it. The best by
+# Every row has the scores of the run with that setting; a test of the repository checks it. The best by
 # mean IDF1:
 
 # %%
