@@ -144,6 +144,8 @@ class Host:
     new_leaves: Mapping[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] = (
         dataclasses.field(default_factory=dict)
     )
+    # Leaves that only files of earlier versions have, of this schema as well.
+    gone_leaves: Sequence[str] = ()
     # Leaves of which files of earlier versions, of this schema as well, may have fewer places along
     # the second axis; what lacks is zero.
     lengthened: Sequence[str] = ()

@@ -26,7 +26,7 @@ from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
-from remind_jax.plus.evidence import Rows, Shortlist
+from remind_jax.plus.evidence import Shortlist
 from remind_jax.plus.layout import Weighed
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.state import Objects, Tracklets
@@ -58,7 +58,7 @@ _REASONS = {
 def conclude(
     here: Tracklets,
     objects: Objects,
-    rows: Rows,
+    is_open: Bool[Array, "N"],
     shortlist: Shortlist,
     weighed: Weighed,
     choice: Choice,
@@ -67,8 +67,8 @@ def conclude(
 
     Args:
       here: Tracklets of the detections, before the decisions.
-      objects: Objects, before any is created or absorbed.
-      rows: Which tracklets were open.
+      objects: Objects, before any is created.
+      is_open: Which tracklets were open.
       shortlist: Their candidates.
       weighed: Evidence of these in the end.
       choice: What was decided.
@@ -83,19 +83,16 @@ def conclude(
     known = jnp.where(is_known[:, None], chosen, True)
     share = jnp.sum(jnp.where(known, weighed.belief, 0.0), axis=1)
     open_belief = jnp.where(is_known, share, 1.0 - share)
-    settled = ~rows.young & ~choice.absorbed
     stage = jnp.where(here.alive, int(Stage.SETTLED), int(Stage.NONE))
-    stage = jnp.where(rows.late, int(Stage.FRESH), stage)
-    stage = jnp.where(rows.young, int(Stage.OPEN), stage)
+    stage = jnp.where(is_open, int(Stage.OPEN), stage)
     return Verdicts(
         tracklet_id=jnp.where(here.alive, here.id, NO_ID),
         answer_id=jnp.where(here.alive, jnp.where(is_known, id_of(choice.slot), own), NO_ID),
-        merged_id=jnp.where(choice.absorbed, id_of(here.slot), NO_ID),
         stage=stage.astype(jnp.int32),
         age=jnp.where(here.alive, here.age, 0),
-        is_decided=here.alive & (settled | choice.recognized | choice.born | choice.absorbed),
-        probability=jnp.clip(jnp.where(settled, here.belief, open_belief), 0.0, 1.0),
-        margin=jnp.where(rows.any & jnp.isfinite(choice.margin), choice.margin, 0.0),
+        is_decided=here.alive & (~is_open | choice.recognized | choice.born),
+        probability=jnp.clip(jnp.where(is_open, open_belief, here.belief), 0.0, 1.0),
+        margin=jnp.where(is_open & jnp.isfinite(choice.margin), choice.margin, 0.0),
         new_odds=choice.private,
         option_id=jnp.where(shortlist.valid, id_of(shortlist.slot), NO_ID),
         option_odds=weighed.odds,

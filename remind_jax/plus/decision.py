@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import clock
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.evidence import Rows, Shortlist
+from remind_jax.plus.evidence import Shortlist
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import Objects, Scene, Tracklets
 from remind_jax.plus.static import CLASS_ROWS
@@ -38,15 +38,14 @@ class Choice:
     margin: Float[Array, "N"]  # log odds to its next best answer
     private: Float[Array, "N"]  # log odds of being no known object
     cosine: Float[Array, "N"]  # of looks, to the chosen object
-    recognized: Bool[Array, "N"]  # young rows that are a known object from now on
-    born: Bool[Array, "N"]  # young rows that are a new object from now on
-    absorbed: Bool[Array, "N"]  # late rows whose object turned out to be the chosen one
+    recognized: Bool[Array, "N"]  # open rows that are a known object from now on
+    born: Bool[Array, "N"]  # open rows that are a new object from now on
 
 
 def decide(
     shortlist: Shortlist,
     odds: Float[Array, "N C"],
-    rows: Rows,
+    is_open: Bool[Array, "N"],
     here: Tracklets,
     stays: Float[Array, "N"],
     scene: Scene,
@@ -58,12 +57,11 @@ def decide(
     `stays`: how far things of its class stay where they are (`own_movement.staying_of_class`).
     """
     odds = jnp.where(shortlist.valid, odds, -jnp.inf)
-    new = expect_new(odds, rows.young, here.class_id, stays, scene, t)
+    new = expect_new(odds, is_open, here.class_id, stays, scene, t)
     # A new identity that is withdrawn later is one too many, so in doubt an early answer is known.
     enough = here.duration >= t.commit_age - clock.SLACK
     tentative = t.tentative + t.tentative_border * here.touched
-    early_new = new - jnp.where(enough, 0.0, tentative)
-    private = jnp.where(rows.late, t.new + t.late_margin, early_new)
+    private = new - jnp.where(enough, 0.0, tentative)
 
     is_at = shortlist.slot[..., None] == jnp.arange(num_objects)
     score = jnp.max(jnp.where(is_at, odds[..., None], -jnp.inf), axis=1)
@@ -81,7 +79,7 @@ def decide(
 
     early = is_known & (here.age >= t.early_age) & (margin > t.early_margin)
     waited = here.duration >= HESITATION * t.commit_age - clock.SLACK
-    commits = rows.young & ((enough & (margin > CLEAR_LEAD)) | waited | early)
+    commits = is_open & ((enough & (margin > CLEAR_LEAD)) | waited | early)
     return Choice(
         slot=jnp.where(is_known, slot, NO_SLOT),
         margin=margin,
@@ -89,13 +87,12 @@ def decide(
         cosine=cosine,
         recognized=commits & is_known,
         born=commits & ~is_known,
-        absorbed=rows.late & is_known,
     )
 
 
 def expect_new(
     odds: Float[Array, "N C"],
-    young: Bool[Array, "N"],
+    is_open: Bool[Array, "N"],
     class_id: Int[Array, "N"],
     stays: Float[Array, "N"],
     scene: Scene,
@@ -119,9 +116,9 @@ def expect_new(
         return t.new + t.familiarity * stays * jnp.log(share / (1.0 - share))
 
     def agree(_: Array, share: Array) -> Array:
-        new = jnp.where(young, jax.nn.sigmoid(prior(share) - known), 0.0)
+        new = jnp.where(is_open, jax.nn.sigmoid(prior(share) - known), 0.0)
         weight = t.familiarity_open * NEWNESS_RATE
-        return (usual + weight * jnp.sum(new)) / (1.0 + weight * jnp.sum(young))
+        return (usual + weight * jnp.sum(new)) / (1.0 + weight * jnp.sum(is_open))
 
     return prior(jax.lax.fori_loop(0, _ROUNDS, agree, usual))
 
@@ -138,7 +135,7 @@ def learn_newness(
     class_id: Int[Array, "N"],
     shortlist: Shortlist,
 ) -> tuple[Scene, Objects]:
-    """Follows how often young rows turn out to be new, of all and class by class.
+    """Follows how often open rows turn out to be new, of all and class by class.
 
     The same object recognized again and again tells less each time: what flickers before a still
     camera says nothing about newcomers. Nor does a new object where nothing known could be it.

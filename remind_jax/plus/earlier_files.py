@@ -29,7 +29,7 @@ COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
         ("scene.recent", 0, "scene", "recent_looks recent_steps"),
         ("scene.recent_fade", 0, "scene", "looks_fade steps_fade"),
         ("scene.cosines", 1, "scene", "cosine_weight cosine_sum cosine_squares"),
-        ("verdicts.owners_id", -1, "answers", "tracklet_id answer_id merged_id"),
+        ("verdicts.owners_id", -1, "answers", "tracklet_id answer_id"),
         # Why they were given is not remembered.
         ("verdicts.wholes", -1, "", ""),
         ("verdicts.reals", -1, "", ""),
@@ -40,6 +40,9 @@ COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
 
 # Leaves that had fewer places along their second axis: an object kept 8 looks.
 LENGTHENED = ("objects.bank", "objects.bank_count", "objects.white_bank")
+
+# Leaves that there are no more.
+GONE_LEAVES = ("answers.merged_id",)
 
 # Leaves that came later, and what they were then by the others; None: as in an empty memory.
 NEW_LEAVES: dict[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] = {

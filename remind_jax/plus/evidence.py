@@ -110,20 +110,6 @@ def _add_up(kinds: Iterable[Array]) -> Array:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Rows:
-    """Which tracklets of this frame are to be decided."""
-
-    young: Bool[Array, "N"]  # not decided yet
-    late: Bool[Array, "N"]  # decided as new, and may still turn out to be known
-
-    @property
-    def any(self) -> Bool[Array, "N"]:
-        """Both kinds."""
-        return self.young | self.late
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class Shortlist:
     """The best objects for each row, before the others in view are asked."""
 
@@ -134,13 +120,6 @@ class Shortlist:
     evidence: OwnEvidence  # what is in these log odds
 
 
-def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
-    """Open tracklets among those of this frame (method_plus.md#open-rows)."""
-    decided = here.slot != NO_SLOT
-    late = valid & decided & here.fresh & (here.age <= t.late_frames)
-    return Rows(young=valid & ~decided, late=late)
-
-
 def find_ended(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
     """Tracklets that can hardly resume, not decided yet, that were last taken for a new object.
 
@@ -149,26 +128,6 @@ def find_ended(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
     undecided = tracklets.alive & (tracklets.slot == NO_SLOT) & tracklets.leans_new
     long_enough = (t.ended_age > 0) & (tracklets.age >= t.ended_age)
     return undecided & long_enough & (tracklets.unseen >= MISSED_TICKS)
-
-
-def admit(
-    here: Tracklets,
-    rows: Rows,
-    held: Bool[Array, "O"],
-    objects: Objects,
-    pairs: Pairs,
-    t: th.Decision,
-) -> Bool[Array, "N O"]:
-    """Objects that each row may be: those that are free.
-
-    One that was decided as new already may only be an object that was never seen beside its own
-    one, and long enough: to become another that is hardly known wins nothing and is often wrong.
-    """
-    open_to = objects.exists & ~held
-    beside = pairs.covisible[jnp.maximum(here.slot, 0)] > 0
-    known_long = objects.seen[None] >= t.late_seen * here.age[:, None]
-    late = ~beside & known_long
-    return open_to & jnp.where(rows.late[:, None], late, rows.young[:, None])
 
 
 def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Array, "N O"]:

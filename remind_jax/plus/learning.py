@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.control_flow import branch, count_up
+from remind_jax.numerics.control_flow import count_up
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import name_row, vote
@@ -115,25 +115,6 @@ class KeptLooks:
     slot: Int[Array, "R"]  # object
     look: Float[Array, "R D"]
     keeps: Bool[Array, "R"]
-
-    @classmethod
-    def of_absorbed(
-        cls,
-        objects: Objects,
-        slot: Int[Array, "N"],
-        into: Int[Array, "N"],
-        absorbed: Bool[Array, "N"],
-    ) -> KeptLooks:
-        """Those of objects that turned out to be known ones, before their slots are free."""
-        counts = objects.bank_count[slot]
-        num_n, num_k, dim = *counts.shape, objects.bank.shape[2]
-        look = branch(
-            jnp.any(absorbed),
-            lambda: objects.bank[slot].reshape(-1, dim),
-            lambda: jnp.zeros((num_n * num_k, dim), objects.bank.dtype),
-        )
-        keeps = (absorbed[:, None] & (counts > 0)).reshape(-1)
-        return cls(jnp.repeat(into, num_k), look, keeps)
 
     @classmethod
     def in_view(

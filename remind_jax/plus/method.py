@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.observation import AnyFeats, Masks
-from remind_jax.plus.earlier_files import COLUMNS, LENGTHENED, NEW_LEAVES
+from remind_jax.plus.earlier_files import COLUMNS, GONE_LEAVES, LENGTHENED, NEW_LEAVES
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
@@ -83,6 +83,7 @@ METHOD = Method(
         find_faults=find_faults,
         columns=COLUMNS,
         new_leaves=NEW_LEAVES,
+        gone_leaves=GONE_LEAVES,
         lengthened=LENGTHENED,
         at_rest=ObjectsAtRest,
         join=join,

@@ -1,7 +1,6 @@
 """Answers that are given some frames late, and what turned out since (host).
 
-A tracklet is decided after a few frames, and a new object may turn out to be a known one for many
-more. Whoever can wait gets what is known by then.
+A tracklet is decided after a few frames. Whoever can wait gets what is known by then.
 """
 
 from __future__ import annotations
@@ -31,18 +30,16 @@ class _Latest(NamedTuple):
 
 
 def find_merges(state: Any) -> list[tuple[int, int]]:
-    """What was or would have been an object of its own and is a known one, and which."""
+    """What would have been an object of its own and is a known one, and which."""
     answers: Answers = state.answers
     own, kept = np.asarray(answers.tracklet_id), np.asarray(answers.answer_id)
     is_known = (kept != own) & ~np.isin(own, coming_ids(state))
-    gone = np.where(is_known, own, np.asarray(answers.merged_id))
-    return [(int(gone[row]), int(kept[row])) for row in np.flatnonzero(gone != NO_ID)]
+    return [(int(own[row]), int(kept[row])) for row in np.flatnonzero(is_known)]
 
 
 def evidence(state: Any) -> dict[str, Any]:
     """What `DelayedAnswers.push` needs of the memory after a frame."""
-    answers: Answers = state.answers
-    return {"tracklet_id": answers.tracklet_id, "merged_id": answers.merged_id}
+    return {"tracklet_id": state.answers.tracklet_id}
 
 
 class DelayedAnswers:
@@ -58,7 +55,6 @@ class DelayedAnswers:
         self._delay = delay
         self._waiting: deque[tuple[Any, Tracks, Int[np.ndarray, "N"]]] = deque()
         self._latest: dict[int, _Latest] = {}  # by tracklet
-        self._merged: dict[int, int] = {}  # object, and which it turned out to be
         self._begun: set[int] = set()  # objects whose own tracklet was answered
 
     def push(
@@ -66,7 +62,6 @@ class DelayedAnswers:
     ) -> list[tuple[Any, Tracks]]:
         """Takes the answers of a frame; gives those that waited long enough, with their frames."""
         tracklet = np.array(evidence["tracklet_id"][: len(tracks)], int)
-        merged = np.array(evidence["merged_id"][: len(tracks)], int)
         for row in range(len(tracks)):
             if tracklet[row] == NO_ID:
                 continue
@@ -76,8 +71,6 @@ class DelayedAnswers:
                 int(tracks.reason[row]),
                 float(tracks.confidence[row]),
             )
-            if merged[row] != NO_ID:
-                self._merged[int(merged[row])] = int(tracks.object_id[row])
         self._waiting.append((frame, tracks, tracklet))
         return [self._release() for _ in range(len(self._waiting) - self._delay)]
 
@@ -88,10 +81,7 @@ class DelayedAnswers:
     def _release(self) -> tuple[Any, Tracks]:
         frame, tracks, tracklet = self._waiting.popleft()
         latest = [self._latest.get(int(one)) for one in tracklet]
-        revised = [
-            NO_ID if one is None or one.object_id == NO_ID else self._survivor(one.object_id)
-            for one in latest
-        ]
+        revised = [NO_ID if one is None else one.object_id for one in latest]
         object_id, outcome = tracks.object_id.copy(), tracks.outcome.copy()
         reason, confidence = tracks.reason.copy(), tracks.confidence.copy()
         status = tracks.status.copy()
@@ -136,9 +126,3 @@ class DelayedAnswers:
             candidate_score=np.where(settled[:, None], 0.0, tracks.candidate_score),
         )
         return frame, changed
-
-    def _survivor(self, object_id: int) -> int:
-        """The object that it turned out to be, if any."""
-        while object_id in self._merged:
-            object_id = self._merged[object_id]
-        return object_id

@@ -13,8 +13,6 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from remind_jax.numerics.absent import NO_ID
-from remind_jax.numerics.control_flow import branch
 from remind_jax.plus.state import Objects, Pairs, Tracklets
 
 NO_ROW = -1
@@ -80,48 +78,3 @@ def create_objects(
     own = jnp.eye(num_o, dtype=bool) & is_new
     covariance = jnp.where(own, place_variance[row], pairs.covariance)
     return objects, dataclasses.replace(pairs, covariance=covariance), slot
-
-
-def absorb(
-    objects: Objects,
-    pairs: Pairs,
-    slot: Int[Array, "N"],
-    into: Int[Array, "N"],
-    absorbed: Bool[Array, "N"],
-) -> tuple[Objects, Pairs]:
-    """Hands all but the looks of objects that turned out to be known ones to those; frees slots.
-
-    Args:
-      objects: Objects.
-      pairs: Pairs.
-      slot: Object of each detection.
-      into: The known object that it is.
-      absorbed: Detections whose object is absorbed.
-    """
-    num_o = len(objects.id)
-    gone, row = rows_of(jnp.stack([slot, into]), absorbed, num_o)
-    gone, gains = gone != NO_ROW, row != NO_ROW
-    giver = slot[row]
-    more = jnp.where(gains, objects.ring_count[giver], 0)
-    ring_count = objects.ring_count + more
-    share = (more / jnp.maximum(ring_count, 1))[:, None]
-    ring = jnp.where(gains[:, None], objects.ring[giver], objects.ring)
-
-    def hand_over() -> Float[Array, "O O"]:
-        # The diagonal counts sights of one object and is no pair.
-        is_pair = ~jnp.eye(num_o, dtype=bool)
-        added = jnp.where(gains[:, None] & is_pair, pairs.covisible[giver], 0.0)
-        of_two_gone = jnp.where(gains & is_pair, added[:, giver], 0.0)
-        return pairs.covisible + added + added.T + of_two_gone
-
-    covisible = branch(jnp.any(absorbed), hand_over, lambda: pairs.covisible)
-    objects = dataclasses.replace(
-        objects,
-        id=jnp.where(gone, NO_ID, objects.id),
-        class_id=jnp.where(gone, NO_ID, objects.class_id),
-        seen=objects.seen + jnp.where(gains, objects.seen[giver], 0),
-        bank_count=jnp.where(gone[:, None], 0, objects.bank_count),
-        ring=objects.ring + share * (ring - objects.ring),
-        ring_count=ring_count,
-    )
-    return objects, dataclasses.replace(pairs, covisible=covisible)

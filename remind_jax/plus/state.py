@@ -107,7 +107,7 @@ class Tracklets:
     ring_count: Int[Array, "T"]  # detections with a background
     belief: Float[Array, "T"]  # probability of its object
     trust: Float[Array, "T"]  # probability that it passed to nothing else since it was decided
-    fresh: Bool[Array, "T"]  # decided as new, may still turn out to be known
+    fresh: Bool[Array, "T"]  # decided as new
     named: Bool[Array, "T"]  # its own id was shown before
     leans_new: Bool[Array, "T"]  # last taken for a new object
 
@@ -170,7 +170,6 @@ class Answers:
 
     tracklet_id: Int[Array, "N"]  # names the tracklet; the id of its object if that is new
     answer_id: Int[Array, "N"]  # best answer now
-    merged_id: Int[Array, "N"]  # object that just now turned out to be the answer, -1 none
 
 
 @jax.tree_util.register_dataclass

@@ -161,11 +161,6 @@ class Decision:
     tentative: Real = setting(1.5, "log odds that a new object loses until then", "log odds")
     tentative_border: Real = setting(1.0, "more of it for what the border of the frame cuts off",
         "log odds")
-    late_frames: Whole = setting(60, "detections for which a new object may turn out to be known",
-        "detections")
-    late_margin: Real = setting(2.0, "more than `new` that this takes", "log odds")
-    late_seen: Real = setting(0.5, "and the known one must have been seen this many times as long",
-        "factor")
     ended_age: Whole = setting(2,
         "one that ends undecided as new is remembered from here on; 0: never", "detections")
     held: Real = setting(3.0, "loss of an object whose tracklet was missed and may resume",

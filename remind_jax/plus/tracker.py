@@ -24,10 +24,8 @@ from remind_jax.plus.crossing import carry_courses, course_odds
 from remind_jax.plus.decision import decide, learn_newness
 from remind_jax.plus.evidence import (
     Shortlist,
-    admit,
     best_cosine,
     find_ended,
-    find_rows,
     shortlist,
 )
 from remind_jax.plus.layout import Weighed, nothing_weighed, weigh_jointly
@@ -64,7 +62,7 @@ from remind_jax.plus.scene_map import (
     move_map,
     shift_of,
 )
-from remind_jax.plus.slots import NO_ROW, absorb, create_objects, rows_of
+from remind_jax.plus.slots import NO_ROW, create_objects, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Verdicts, no_verdicts
@@ -204,7 +202,7 @@ def _advance(
     )
     scene, objects = renew_whitening(scene, objects, sightings, frame, t)
     # What could every open tracklet be?
-    rows = find_rows(here, sightings.valid, t.decision)
+    is_open = here.is_open
     visible = sightings.valid & (here.slot != NO_SLOT)
     holder = rows_of(tracklets.slot, tracklets.alive, static.num_objects)
     held, waiting = (holder != NO_ROW) & (holder < num), holder >= num
@@ -213,7 +211,7 @@ def _advance(
     cosine = adjust_cosine(scene, best_cosine(white[0], objects))
 
     def weigh() -> tuple[Shortlist, Weighed]:
-        admitted = admit(here, rows, held, objects, pairs, t.decision)
+        admitted = is_open[:, None] & objects.exists & ~held
         names = name_odds(here.class_id, objects.class_id, confused)
         best = shortlist(
             here, sightings, admitted, waiting, cosine, names, objects, pairs, scene, t
@@ -221,13 +219,13 @@ def _advance(
         return best, weigh_jointly(best, here.slot, visible, sightings, objects, pairs, frame, t)
 
     # In many frames everything in view is decided.
-    candidates, weighed = branch(jnp.any(rows.any), weigh, lambda: nothing_weighed(num))
+    candidates, weighed = branch(jnp.any(is_open), weigh, lambda: nothing_weighed(num))
     # Who is who, jointly?
     stays = staying_of_class(here.class_id, objects, t.mobility)
     choice = decide(
-        candidates, weighed.odds, rows, here, stays, scene, static.num_objects, t.decision
+        candidates, weighed.odds, is_open, here, stays, scene, static.num_objects, t.decision
     )
-    verdicts = conclude(here, objects, rows, candidates, weighed, choice)
+    verdicts = conclude(here, objects, is_open, candidates, weighed, choice)
     answered = jnp.where(choice.slot != NO_SLOT, choice.slot, here.slot)
     moves = mobility_of(answered, objects, t.mobility)
     decisions = report(
@@ -248,18 +246,11 @@ def _advance(
         center_variance(tracklets.size, touches),
         first_speed(tracklets, scene),
     )
-    merges = slots[:num], choice.slot, choice.absorbed
-    looks_of_others = (
-        KeptLooks(slots[num:], tracklets.look[num:], ended[num:]),
-        KeptLooks.of_absorbed(objects, *merges),
-    )
-    objects, pairs = absorb(objects, pairs, *merges)
-    slot = jnp.where(choice.recognized | choice.absorbed, choice.slot, slots[:num])
-    fresh = (here.fresh | choice.born) & ~choice.absorbed
+    slot = jnp.where(choice.recognized, choice.slot, slots[:num])
     here = dataclasses.replace(
         here,
         slot=slot,
-        fresh=fresh,
+        fresh=here.fresh | choice.born,
         named=here.named | (decisions.outcome == int(Outcome.NEW)),
         leans_new=choice.slot == NO_SLOT,
         belief=verdicts.probability,
@@ -277,7 +268,8 @@ def _advance(
     pairs = learn_relations(objects, pairs, teacher, sightings, tick, t.mobility)
     objects = learn_objects(objects, teacher, sightings, frame)
     looks_in_view = KeptLooks.in_view(objects, here, sure, counts, sightings)
-    objects = keep_looks(objects, scene, (*looks_of_others, looks_in_view), t.memory)
+    looks_of_ended = KeptLooks(slots[num:], tracklets.look[num:], ended[num:])
+    objects = keep_looks(objects, scene, (looks_of_ended, looks_in_view), t.memory)
     after = PlusState(
         objects=objects,
         pairs=pairs,

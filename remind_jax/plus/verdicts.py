@@ -23,7 +23,6 @@ class Stage(enum.IntEnum):
 
     NONE = 0  # no detection
     OPEN = 1  # not decided yet
-    FRESH = 2  # decided as new, may still turn out to be known
     SETTLED = 3
 
 
@@ -46,7 +45,7 @@ class Verdicts(Answers):
     @property
     def answers(self) -> Answers:
         """What the memory keeps of them."""
-        return Answers(self.tracklet_id, self.answer_id, self.merged_id)
+        return Answers(self.tracklet_id, self.answer_id)
 
 
 def no_verdicts(num: int) -> Verdicts:
@@ -56,7 +55,6 @@ def no_verdicts(num: int) -> Verdicts:
     return Verdicts(
         tracklet_id=nobody,
         answer_id=nobody,
-        merged_id=nobody,
         stage=jnp.zeros(num, jnp.int32),
         age=jnp.zeros(num, jnp.int32),
         is_decided=jnp.zeros(num, bool),

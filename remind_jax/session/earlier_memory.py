@@ -33,7 +33,7 @@ def as_now(
     Args:
       leaves: Shapes and types of all leaves.
     """
-    found = dict(tensors)
+    found = {name: one for name, one in tensors.items() if name not in method.host.gone_leaves}
     if schema in EARLIER_VERSIONS:
         found = split_columns(found, method.host.columns, leaves)
     if schema == WITH_OTHER_DECISIONS:

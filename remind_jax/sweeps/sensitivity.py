@@ -69,7 +69,6 @@ PLUS_SPACE: dict[str, tuple[Value, Value]] = {
     "decision.firm": (0.3, 0.7),
     "decision.commit_age": (3, 16),
     "decision.early_margin": (2.0, 8.0),
-    "decision.late_margin": (1.0, 6.0),
     "memory.novel": (0.6, 0.95),
 }
 SPACES: dict[str, Space] = {PAPER_METHOD: PAPER_SPACE, "plus": PLUS_SPACE}  # by tracker

@@ -131,7 +131,6 @@ ABLATED = {
     "no_calibration": ["+ calibration"],
     "no_optimism": ["+ optimism"],
     "no_familiarity": ["+ familiarity", "+ familiarity of what is in view"],
-    "no_late_recognition": ["+ late recognition"],
 }
 
 

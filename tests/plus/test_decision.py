@@ -8,7 +8,7 @@ import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.decision import CLEAR_LEAD, HESITATION, Choice, decide, learn_newness
-from remind_jax.plus.evidence import OwnEvidence, Rows, Shortlist
+from remind_jax.plus.evidence import OwnEvidence, Shortlist
 from remind_jax.plus.state import init, no_tracklets
 from remind_jax.plus.thresholds import Decision
 from remind_jax.static import Static
@@ -37,10 +37,10 @@ def decide_alone(
         cosine=evidence,
         evidence=OwnEvidence(**dict.fromkeys(OwnEvidence.kinds(), evidence)),
     )
-    rows = Rows(young=jnp.array([True]), late=jnp.array([False]))
+    is_open = jnp.array([True])
     t = Decision(familiarity=familiarity, tentative=tentative)
     scene, each = init(static).scene, jnp.full(1, stays)
-    return decide(candidate, evidence, rows, here, each, scene, static.num_objects, t)
+    return decide(candidate, evidence, is_open, here, each, scene, static.num_objects, t)
 
 
 def test_in_doubt_an_early_answer_is_a_known_object():
@@ -92,7 +92,7 @@ def newness_after_birth(class_odds: float, valid: bool) -> float:
         jnp.array([[SLOT]]), jnp.array([[valid]]), blank, blank, OwnEvidence(**evidence)
     )
     zero = jnp.zeros(1)
-    choice = Choice(jnp.array([NO_SLOT]), zero, zero, zero, recognized=no, born=yes, absorbed=no)
+    choice = Choice(jnp.array([NO_SLOT]), zero, zero, zero, recognized=no, born=yes)
     scene, _ = learn_newness(state.scene, state.objects, choice, jnp.array([0]), candidate)
     return float(scene.newness[0])
 

@@ -6,17 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import evidence
 from remind_jax.plus.class_names import confusion_odds, name_odds
 from remind_jax.plus.clock import MISSED_TICKS
-from remind_jax.plus.evidence import Rows, best_cosine, mix, shortlist
+from remind_jax.plus.evidence import best_cosine, mix, shortlist
 from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
 
 LOOKS = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
-YOUNG = Rows(young=jnp.ones(3, bool), late=jnp.zeros(3, bool))
 NOBODY = jnp.zeros(4, bool)
-admit, calibrate = jax.jit(evidence.admit), jax.jit(evidence.calibrate)
+calibrate = jax.jit(evidence.calibrate)
 
 
 def candidates(objects, seen, held=NOBODY, waiting=NOBODY):
@@ -26,7 +24,7 @@ def candidates(objects, seen, held=NOBODY, waiting=NOBODY):
 @jax.jit
 def _candidates(here, objects, seen, held, waiting):
     state = empty_state()
-    admitted = admit(here, YOUNG, held, objects, state.pairs, T.decision)
+    admitted = jnp.broadcast_to(objects.exists & ~held, (3, 4))
     cosine = best_cosine(seen.look, objects)
     names = name_odds(here.class_id, objects.class_id, confusion_odds(state.scene, T.names))
     return shortlist(
@@ -96,35 +94,6 @@ def test_what_looks_far_more_like_one_than_like_the_others_of_its_class_leads():
 def test_a_lead_counts_over_some_of_the_class_and_once_views_suffice():
     assert not lead_of([0.5, -0.5, -0.5], waited=False).any()
     assert not lead_of([0.5, -0.5, -0.5], class_id=1).any(), "one of its class is no crowd"
-
-
-def test_late_rows_take_only_objects_never_seen_beside_their_own():
-    state = empty_state()
-    objects = objects_of(LOOKS)
-    here = tracklets_of(detections([[1, 1]] * 3), 0, 3, slot=jnp.array([0, 1, 2]))
-    late = Rows(young=jnp.zeros(3, bool), late=jnp.ones(3, bool))
-    pairs = dataclasses.replace(
-        state.pairs, covisible=jnp.asarray(state.pairs.covisible).at[0, 1].set(5.0)
-    )
-    admitted = admit(here, late, NOBODY, objects, pairs, T.decision)
-    assert admitted[0].tolist() == [True, False, True, False]
-    hardly = dataclasses.replace(objects, seen=jnp.zeros(4, jnp.int32))
-    assert not admit(here, late, NOBODY, hardly, pairs, T.decision).any()
-
-
-def test_rows_are_open_until_decided_and_late_for_some_frames():
-    fresh = jnp.array([False, True, True])
-    here = tracklets_of(
-        detections([[1, 1]] * 3),
-        0,
-        3,
-        slot=jnp.array([NO_SLOT, 0, 1]),
-        fresh=fresh,
-        age=jnp.array([1, int(T.decision.late_frames), int(T.decision.late_frames) + 1]),
-    )
-    rows = evidence.find_rows(here, jnp.ones(3, bool), T.decision)
-    assert rows.young.tolist() == [True, False, False]
-    assert rows.late.tolist() == [False, True, False]
 
 
 def test_what_ends_undecided_as_new_is_remembered():

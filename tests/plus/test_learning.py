@@ -1,4 +1,4 @@
-"""What decided detections teach: kept looks, births, absorbed objects, relations."""
+"""What decided detections teach: kept looks, births, relations."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from remind_jax.plus.state import UNRELATED
 from tests.plus.frames import STATIC, TICK, T, detections, empty_state, objects_of, tracklets_of
 
 X, Y = np.eye(3, dtype=np.float32)[:2]
-absorb, create_objects = jax.jit(slots.absorb), jax.jit(slots.create_objects)
+create_objects = jax.jit(slots.create_objects)
 keep_looks, learn_relations = jax.jit(learning.keep_looks), jax.jit(learning.learn_relations)
 SURE = jnp.array([True, True, False])
 EVERYONE = jnp.array([0, 1, 2, NO_ROW])  # detection of each object
@@ -123,29 +123,6 @@ def test_relations_that_are_known_better_are_not_overwritten():
     np.testing.assert_allclose(after.relation[0, 2], pairs.relation[0, 2])
     assert after.covisible[0, 2] == pairs.covisible[0, 2]
     assert after.covisible[0, 1] == pairs.covisible[0, 1] + 1
-
-
-def test_an_absorbed_object_hands_over_its_counts_and_frees_its_slot():
-    objects, pairs = related_pairs()
-    absorbed = jnp.array([True, False, False])
-    after, left = absorb(
-        objects, pairs, jnp.array([2, 1, 0]), jnp.array([0, NO_SLOT, NO_SLOT]), absorbed
-    )
-    assert after.id.tolist() == [0, 1, -1, -1]
-    assert after.seen[0] == objects.seen[0] + objects.seen[2]
-    assert left.covisible[0, 1] == pairs.covisible[0, 1] + pairs.covisible[2, 1]
-    assert left.covisible[0, 1] == left.covisible[1, 0]
-
-
-def test_two_that_are_absorbed_at_once_were_seen_beside_each_other():
-    objects, pairs = related_pairs()
-    rng = np.random.default_rng(0)
-    counts = np.triu(rng.integers(1, 9, (4, 4)), 1).astype(np.float32)
-    pairs = dataclasses.replace(pairs, covisible=jnp.asarray(counts + counts.T))
-    both = jnp.array([True, True, False])
-    _, left = absorb(objects, pairs, jnp.array([2, 3, 0]), jnp.array([0, 1, NO_SLOT]), both)
-    assert left.covisible[0, 1] == left.covisible[1, 0]
-    assert left.covisible[0, 1] == counts[0, 1] + counts[0, 3] + counts[1, 2] + counts[2, 3]
 
 
 @pytest.mark.parametrize("slot", range(3))

@@ -22,11 +22,10 @@ def answers(index: int, ids, outcomes) -> Tracks:
     return make_tracks(index, np.ones((len(ids), 4, 4), bool), rows)
 
 
-def state(tracklets, merged=None, answer=None, is_open=True):
+def state(tracklets, answer=None, is_open=True):
     num = len(tracklets)
     answers = types.SimpleNamespace(
         tracklet_id=np.array(tracklets),
-        merged_id=np.full(num, NO_ID) if merged is None else np.array(merged),
         answer_id=np.full(num, NO_ID) if answer is None else np.array(answer),
     )
     those = types.SimpleNamespace(
@@ -65,14 +64,13 @@ def test_an_open_tracklet_gets_the_answer_that_it_has_later():
 def test_a_new_object_that_turned_out_to_be_known_is_that_one_from_the_start():
     frames = [
         (answers(0, [7], [Outcome.NEW]), state([7])),
-        (answers(1, [3], [Outcome.MATCH]), state([7], merged=[7], answer=[3])),
+        (answers(1, [3], [Outcome.MATCH]), state([7])),
     ]
     assert [tracks.object_id.tolist() for tracks in run(1, frames)] == [[3], [3]]
-    assert find_merges(frames[1][1]) == [(7, 3)]
-    assert find_merges(frames[0][1]) == []
 
 
 def test_what_was_to_be_new_turns_out_to_be_known_once_it_is_decided():
+    assert find_merges(state([7, 4], answer=[7, 4], is_open=False)) == []
     as_known = {"tracklets": [7, 4], "answer": [3, 4]}
     assert find_merges(state(**as_known)) == []
     assert find_merges(state(**as_known, is_open=False)) == [(7, 3)]

@@ -19,7 +19,6 @@ from tests.plus.walls import (
     NO_TRUTH,
     STATIC,
     Walk,
-    disguise,
     displace,
     follow,
     glimpse,
@@ -149,33 +148,6 @@ def test_a_thing_whose_tracklet_went_with_half_of_it_keeps_its_identity():
     assert verdicts.answer_id[frame + 1][after] == before
     assert held.answer_id[frame + 1][after] != before
     assert num_repeated(verdicts.answer_id) == 0
-
-
-def returning_in_disguise(seed: int, thing: int) -> tuple[Walk, np.ndarray, PlusThresholds]:
-    """A thing is back and looks strange for longer than a decision waits; only looks count."""
-    walk = pan(seed)
-    seen = np.flatnonzero(np.any(walk.thing == thing, axis=1))
-    back = seen[np.argmax(np.diff(seen)) + 1 :]
-    blind = change_parts(PLACELESS, looks={"whitening": False})
-    return disguise(walk, thing, back[:18]), back, blind
-
-
-def test_what_was_taken_for_new_may_turn_out_to_be_known():
-    walk, back, thresholds = returning_in_disguise(seed=2, thing=3)
-
-    def answers(**decision):
-        told = follow(walk, change_parts(thresholds, decision=decision))[1]
-        return told.answer_id[walk.thing == 3], told.merged_id[walk.thing == 3]
-
-    (late, merged), (never, none) = answers(late_margin=0.0), answers(late_frames=0)
-    first, taken_for = late[0], late[-len(back) + 17]
-    assert taken_for not in (first, NO_ID)
-    assert late[-1] == first
-    assert taken_for in merged
-    assert np.all(none == NO_ID)
-    assert never[-1] == taken_for
-    hardly_known, _ = answers(late_margin=0.0, late_seen=100.0)
-    assert hardly_known[-1] == taken_for
 
 
 def test_a_lying_image_motion_is_found_out():

@@ -143,13 +143,6 @@ def displace(walk: Walk, thing: int, since: int, offset: tuple[float, float]) ->
     return change_parts(walk, sightings={"center": center, "box": box})
 
 
-def disguise(walk: Walk, thing: int, frames: np.ndarray) -> Walk:
-    """The same walk with another look of one thing in these frames."""
-    other = (walk.thing == thing) & np.isin(np.arange(len(walk.thing)), frames)[:, None]
-    look = np.where(other[..., None], np.float32([9, 0] * (DIM // 2)), walk.sightings.look)
-    return change_parts(walk, sightings={"look": look})
-
-
 def split(walk: Walk, thing: int, frame: int) -> Walk:
     """The same walk; in one frame a thing is two halves, in the next only the upper one is seen."""
     fields = {f.name: getattr(walk.sightings, f.name).copy() for f in dataclasses.fields(Sightings)}

@@ -11,7 +11,7 @@ from safetensors.numpy import load_file, save_file
 from remind_jax.errors import OutputError
 from remind_jax.files.tensors import read_safetensors_header
 from remind_jax.method import get_method, named_leaves
-from remind_jax.plus.earlier_files import LENGTHENED, NEW_LEAVES
+from remind_jax.plus.earlier_files import GONE_LEAVES, LENGTHENED, NEW_LEAVES
 from remind_jax.session.earlier_memory import EARLIER_VERSIONS, WITH_OTHER_DECISIONS, split_columns
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
@@ -99,10 +99,17 @@ def test_kept_looks_of_fewer_places_are_read(tmp_path):
     chex.assert_trees_all_equal(load_memory(path).state, tracker.state)
 
 
+def test_leaves_that_are_gone_are_left_out(tmp_path):
+    path = tmp_path / "memory.safetensors"
+    state = write_earlier(path, "plus", EARLIER_VERSIONS[-1])
+    rewrite(path, lambda tensors: tensors | dict.fromkeys(GONE_LEAVES, np.zeros(3, np.int32)))
+    chex.assert_trees_all_equal(load_memory(path).state, state, strict=True)
+
+
 def rewrite(path, change):
     """Changes the tensors of a file as if it had been written so."""
     metadata = dict(read_safetensors_header(path, refused=OutputError).metadata)
-    del metadata["sha256"]
+    metadata.pop("sha256", None)
     tensors = change(load_file(path))
     save_file(tensors, path, metadata=metadata)
 

@@ -141,7 +141,7 @@ def test_both_ends_of_a_range_are_checked_and_of_the_kind_of_their_threshold():
 
 @pytest.mark.parametrize(
     "setting",
-    [{"decision.late_frames": 2.7}, {"decision.new": "1"}, {"decision.new": True},
+    [{"decision.commit_age": 2.7}, {"decision.new": "1"}, {"decision.new": True},
      {"looks.whitening": 1}],
 )  # fmt: skip
 def test_values_of_another_kind_are_not_stacked(setting):

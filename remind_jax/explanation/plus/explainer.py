@@ -48,7 +48,7 @@ class PlusExplainer(Explainer[PlusRecord]):
     def _explain(self, record: PlusRecord, tracks: Tracks, row: int) -> PlusExplanation:
         v, label = record.verdicts, tracks.labels[row]
         stage = Stage(int(v.stage[row]))
-        is_open = stage in (Stage.OPEN, Stage.FRESH)
+        is_open = stage == Stage.OPEN
         candidates = _candidates(v, row, label, tracks.names)
         known = sum(candidate.probability for candidate in candidates)
         explanation = PlusExplanation(
@@ -71,7 +71,6 @@ class PlusExplainer(Explainer[PlusRecord]):
             answer_id=id_or_none(v.answer_id[row]),
             probability=float(v.probability[row]),
             margin=float(v.margin[row]) if is_open and candidates else None,
-            merged_id=id_or_none(v.merged_id[row]),
             new_log_odds=float(v.new_odds[row]) if is_open else None,
             new_probability=max(0.0, 1.0 - known) if is_open else None,
             candidates=candidates,
@@ -82,14 +81,12 @@ class PlusExplainer(Explainer[PlusRecord]):
 
     @functools.cached_property
     def _decided_at(self) -> dict[int, int]:
-        """By tracklet, the frame in which it was decided, or turned out to be a known object."""
+        """By tracklet, the frame in which it was decided."""
         found: dict[int, int] = {}
         for frame, record in self._archive.frames():
             v = record.verdicts
             for row in np.flatnonzero(v.is_decided & (v.tracklet_id != NO_ID)):
-                tracklet = int(v.tracklet_id[row])
-                if tracklet not in found or v.merged_id[row] != NO_ID:
-                    found[tracklet] = frame
+                found.setdefault(int(v.tracklet_id[row]), frame)
         return found
 
 

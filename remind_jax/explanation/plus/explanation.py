@@ -40,7 +40,6 @@ class PlusExplanation(Explanation):
     answer_id: int | None  # best answer, firm or not
     probability: float  # of the answer, before calibration
     margin: float | None  # log odds to the next best answer; None where nothing was open
-    merged_id: int | None  # object that turned out to be the answer
     new_log_odds: float | None  # of being no known object; None where nothing was open
     new_probability: float | None
     candidates: tuple[PlusCandidate, ...]  # the most probable first

@@ -34,7 +34,7 @@ def _explain(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
             f"{'before' if e.decided_at is None else f'in frame {e.decided_at}'}: {_answer(e)}"
         )
     else:
-        yield _explain_stage(e, t)
+        yield _explain_stage(e)
         yield from _explain_candidates(e, t)
         yield from _explain_new(e, t)
         yield from _explain_taken(e)
@@ -44,12 +44,7 @@ def _explain(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     yield from _explain_revision(e)
 
 
-def _explain_stage(e: PlusExplanation, t: PlusThresholds) -> str:
-    if e.stage == Stage.FRESH:
-        return (
-            f"its tracklet was decided as new, {e.label} {e.tracklet_id}, and may turn out to be a "
-            f"known one for {t.decision.late_frames} detections; this is number {e.age}"
-        )
+def _explain_stage(e: PlusExplanation) -> str:
     if e.age == 1:
         return "it goes on with no tracklet of the frames before: the first detection of one"
     return f"it is detection {e.age} of a tracklet that is not decided yet"
@@ -90,12 +85,6 @@ def _weigh(candidate: PlusCandidate) -> str:
 def _explain_new(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     if e.new_log_odds is None:
         return
-    if e.stage == Stage.FRESH:
-        yield (
-            f"to take the place of {e.label} {e.tracklet_id}, a known one needs log odds above "
-            f"{number(e.new_log_odds)}"
-        )
-        return
     d = t.decision
     handicap = d.tentative if e.age < d.commit_age else 0.0
     off = e.new_log_odds - d.new + handicap
@@ -123,10 +112,6 @@ def _explain_taken(e: PlusExplanation) -> Iterator[str]:
 
 def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
     d = t.decision
-    if e.merged_id is not None:
-        return f"{e.label} {e.merged_id} turned out to be {_answer(e)}; the two are one from now on"
-    if e.stage == Stage.FRESH:
-        return f"it stays {_answer(e)}"
     # There are two numbers for one answer: what the evidence says, and how often answers of which
     # it says so are right.
     sure = f"probability {number(e.probability)}"

@@ -48,7 +48,7 @@ def test_probabilities_of_open_tracklets_add_up_to_one(explained):
 
 
 def test_every_stage_is_explained_and_fits_the_answer(explained):
-    assert {one.stage for one in explained} == {Stage.OPEN, Stage.FRESH, Stage.SETTLED}
+    assert {one.stage for one in explained} == {Stage.OPEN, Stage.SETTLED}
     for one in explained:
         text = " ".join(one.why)
         assert str(one.answer_id) in text or one.object_id is None
@@ -78,8 +78,7 @@ def test_the_frame_in_which_a_tracklet_was_decided_is_named(explained):
         by_tracklet.setdefault(one.tracklet_id, []).append(one)
     for views in by_tracklet.values():
         decided = [one.frame for one in views if one.is_decided]
-        late = [one.frame for one in views if one.merged_id is not None]
-        expected = (late[-1:] or decided[:1] or [None])[0]
+        expected = (decided[:1] or [None])[0]
         assert {one.decided_at for one in views} == {expected}
         for one in views:
             waits = expected is not None and one.frame < expected
