@@ -68,9 +68,7 @@ BARE: Changes = {
     "layout": {
         "weight": 0.0,
         "covisible_weight": 0.0,
-        "optimism": 0.0,
         "moved": -100.0,
-        "witness": 100.0,
         "gone_anchors": 1_000_000,
     },
     "motion": {"checked": False},
@@ -86,7 +84,6 @@ LADDER: tuple[tuple[str, dict[str, tuple[str, ...]]], ...] = (
     ("+ place", {"place": ("weight",)}),
     ("+ companions", {"layout": ("covisible_weight",)}),
     ("+ layout", {"layout": ("weight", "moved")}),
-    ("+ optimism", {"layout": ("optimism",)}),
     ("+ familiarity", {"decision": ("familiarity",)}),
     ("+ memory of undecided tracklets", {"decision": ("ended_age",)}),
     ("+ missed objects held", {"decision": ("held",)}),
@@ -94,7 +91,6 @@ LADDER: tuple[tuple[str, dict[str, tuple[str, ...]]], ...] = (
     ("+ familiarity of what is in view", {"decision": ("familiarity_open",)}),
     ("+ empty places", {"layout": ("gone_anchors",)}),
     ("+ early preference for known", {"decision": ("tentative", "tentative_border")}),
-    ("+ appearance of partners", {"layout": ("witness",)}),
     ("+ own movement = plus", {"mobility": ("weight",)}),
 )
 WITHOUT_PLACE: Changes = {

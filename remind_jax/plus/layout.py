@@ -33,9 +33,6 @@ from remind_jax.plus.static import NUM_CANDIDATES, NUM_WITNESSES
 from remind_jax.plus.vacancy import find_gone
 
 _AT_ONCE = 4  # open rows that are added up together
-# How far a party is a witness, by its looks.
-WITNESS_SLOPE = 2.0  # per log odd
-WITNESS_CLASS = 1.0  # what its class adds, per log of how rare that is among known objects
 # How objects lie.
 PARTNERS = 6.0  # partners that speak in full; more share this
 MOST = 5.0  # most place and layout together, log odds
@@ -85,10 +82,6 @@ def weigh_jointly(
       frame: Number of this frame.
       t: Weights.
     """
-    # What looks wrong is no witness for the others: where a new arrangement lies like an old one,
-    # its members would otherwise talk each other into being known. A rare class tells as looks do.
-    looks = shortlist.evidence.looks
-    looks += WITNESS_CLASS * _class_rarity(sightings.class_id, objects)[:, None]
     is_gone = find_gone(anchor, is_anchor, sightings, pairs, t.layout)[shortlist.slot]
     first = jnp.arange(shortlist.slot.shape[1]) == 0
     rows = _Rows(
@@ -98,7 +91,6 @@ def weigh_jointly(
         place=shortlist.evidence.place,
         stays=staying(objects, t.mobility)[shortlist.slot],
         moved=jnp.where(is_gone, t.layout.moved_gone, t.layout.moved),
-        credible=jax.nn.sigmoid(WITNESS_SLOPE * (looks + t.layout.witness)),
         is_anchor=is_anchor,
         party=jnp.where(is_anchor[:, None], anchor[:, None], shortlist.slot),
         present=jnp.where(is_anchor[:, None], first, shortlist.valid),
@@ -125,7 +117,6 @@ class _Rows(NamedTuple):
     place: Float[Array, "N C"]
     stays: Float[Array, "N C"]  # how far it may still be where it was left, [0, 1]
     moved: Float[Array, "N C"]  # log odds of what lies wrong
-    credible: Float[Array, "N C"]  # how much it speaks for others, by its looks
     is_anchor: Bool[Array, "N"]
     party: Int[Array, "N C"]  # slot of each party
     present: Bool[Array, "N C"]
@@ -188,19 +179,17 @@ def _weigh(
         given_back = jnp.clip(rows.place + lies, rows.moved, MOST) - (rows.place + lies)
         return _Around(lies, companions, given_back)
 
-    def believe(odds: Float[Array, "N C"], handicap: Array) -> Float[Array, "N C"]:
-        new_odds = new - handicap
+    def believe(odds: Float[Array, "N C"]) -> Float[Array, "N C"]:
         odds = jnp.where(rows.valid, odds, -jnp.inf)
-        most = jnp.maximum(jnp.max(odds, axis=1, keepdims=True), new_odds)
+        most = jnp.maximum(jnp.max(odds, axis=1, keepdims=True), new)
         likely = jnp.exp(odds - most)
-        return likely / (jnp.sum(likely, axis=1, keepdims=True) + jnp.exp(new_odds - most))
+        return likely / (jnp.sum(likely, axis=1, keepdims=True) + jnp.exp(new - most))
 
     def reconsider(k: Array, before: tuple[_Around, Array]) -> tuple[_Around, Array]:
         around, _ = before
         goes_on = k < t.rounds
-        handicap = jnp.where(goes_on, t.optimism * (1.0 - k / t.rounds), 0.0)
-        belief = believe(rows.base + sum(around), handicap)
-        weight = jnp.where(rows.is_anchor[:, None], 1.0 * first, rows.credible * belief)
+        belief = believe(rows.base + sum(around))
+        weight = jnp.where(rows.is_anchor[:, None], 1.0 * first, belief)
         told = ask(jnp.where(rows.present, weight, 0.0))
         return jax.tree.map(lambda now, old: jnp.where(goes_on, now, old), told, around), belief
 
@@ -313,14 +302,6 @@ def _layout_evidence(
     # What may have moved may have come nearer.
     known = 1.0 / (1.0 + (spread / RATIO_SPREAD) ** 2)
     return odds + RATIO_WEIGHT * known * jnp.clip(ratio_odds, -2.0, 1.0)
-
-
-def _class_rarity(class_id: Int[Array, "N"], objects: Objects) -> Float[Array, "N"]:
-    """Log of how many objects there are per object of the same class: 0 if all are of one."""
-    alike = objects.exists[None] & (class_id[:, None] == objects.class_id[None])
-    of_class = jnp.sum(alike, axis=1, dtype=jnp.float32)
-    of_all = jnp.sum(objects.exists, dtype=jnp.float32)
-    return jnp.log(jnp.maximum(of_all, 1.0) / jnp.maximum(of_class, 1.0))
 
 
 def _covisible_evidence(

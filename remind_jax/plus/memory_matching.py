@@ -239,10 +239,8 @@ def _weigh_company(
 ) -> Float[np.ndarray, "M C"]:
     """Log odds with what the partners say, each by how far it is believed to be its own one."""
     layout, odds = t.layout, base
-    rounds = int(layout.rounds)
-    for k in range(rounds + 1):
-        handicap = layout.optimism * (1.0 - k / rounds)
-        weight = _believe(odds, float(t.decision.new) - handicap).reshape(-1)[said.by]
+    for _ in range(int(layout.rounds) + 1):
+        weight = _believe(odds, float(t.decision.new)).reshape(-1)[said.by]
 
         def add_up(values: np.ndarray, weight: np.ndarray = weight) -> np.ndarray:
             return np.bincount(said.about, values * weight, base.size).reshape(base.shape)

@@ -130,12 +130,8 @@ class Layout:
         "log odds of an object that lies where it should not, place included", "log odds")
     moved_gone: Real = setting(-0.5, "the same if its old place is seen to be empty", "log odds")
     gone_anchors: Whole = setting(3, "decided objects that tell where the old place is", "objects")
-    witness: Real = setting(0.5, "an open partner speaks by half if its looks say minus this ...",
-        "log odds")
     near_error: Real = setting(0.6, "standard deviation of a relation in sizes", "object sizes")
     rounds: Whole = setting(5, "of weighing all open tracklets of a frame together", "rounds")
-    optimism: Real = setting(4.0, "log odds that a new object loses in the first round of weighing",
-        "log odds")
     covisible_weight: Real = setting(0.4, "of what is seen together", "weight")
 
 

@@ -60,8 +60,6 @@ PLUS_SPACE: dict[str, tuple[Value, Value]] = {
     "layout.weight": (0.0, 1.6),
     "layout.best": (3.0, 10.0),
     "layout.moved": (-6.0, -0.5),
-    "layout.witness": (-1.0, 2.0),
-    "layout.optimism": (0.0, 8.0),
     "layout.covisible_weight": (0.0, 1.2),
     "decision.new": (-0.5, 3.0),
     "decision.familiarity": (0.0, 1.6),

@@ -129,7 +129,6 @@ ABLATED = {
     "no_background": ["+ background"],
     "no_whitening": ["+ whitening"],
     "no_calibration": ["+ calibration"],
-    "no_optimism": ["+ optimism"],
     "no_familiarity": ["+ familiarity", "+ familiarity of what is in view"],
 }
 

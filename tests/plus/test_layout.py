@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import layout
@@ -16,7 +17,6 @@ from remind_jax.plus.thresholds import PlusThresholds
 from tests.plus.frames import T
 from tests.plus.test_vacancy import SIZE, seen
 from tests.plus.walls import STATIC
-from tests.statics import change_parts
 
 PLACES = np.array([[1.5, 1.5], [3, 1.2], [4.5, 1.6], [2.2, 3], [4, 3.2]], np.float32)
 NUM = len(PLACES)
@@ -25,7 +25,7 @@ FRAME = jnp.int32(200)
 EMPTY = jax.tree.map(np.array, init(STATIC))
 
 
-def weigh_anew(looks, witness, moved, rare, speed):
+def weigh_anew(looks, moved, rare, speed):
     """Log odds of five detections in two ways, see `weigh`."""
     five, rest = np.s_[:NUM, :NUM], np.s_[NUM : 4 * NUM]
     objects, pairs = jax.tree.map(np.copy, (EMPTY.objects, EMPTY.pairs))
@@ -49,14 +49,13 @@ def weigh_anew(looks, witness, moved, rare, speed):
         cosine=nothing,
         evidence=dataclasses.replace(own, looks=nothing + looks),
     )
-    t = change_parts(T, layout={"witness": witness})
     nobody = jnp.full(num, NO_SLOT)
     sightings = seen(anchors=PLACES)
     sightings = dataclasses.replace(
         sightings, center=sightings.center + moved * sightings.valid[:, None]
     )
     weighed = weigh_jointly(
-        shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, FRAME, t
+        shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, FRAME, T
     )
     return weighed.odds[:NUM, 0], weighed.evidence.total()[:NUM, 0]
 
@@ -66,8 +65,7 @@ _weigh = jax.jit(weigh_anew)
 
 def weigh(
     looks: float,
-    witness: float,
-    moved: tuple[float, float] = (0.0, 0.0),
+    moved: npt.ArrayLike = (0.0, 0.0),
     rare: bool = False,
     speed: float = 0.0,
 ) -> np.ndarray:
@@ -75,55 +73,49 @@ def weigh(
 
     Args:
       looks: Log odds of looks of each.
-      witness: Threshold.
-      moved: Where all of them lie now, from where the objects lay.
+      moved: Where they lie now, from where the objects lay; of all, or of each detection.
       rare: Three times as many other objects are of another class, instead of the same one.
       speed: With which these others move.
     """
-    told, summed = _weigh(looks, witness, np.array(moved, np.float32), rare, speed)
+    told, summed = _weigh(looks, np.array(moved, np.float32), rare, speed)
     np.testing.assert_allclose(told, summed, rtol=1e-5)  # order of sums
     return np.asarray(told)
 
 
 def test_an_arrangement_is_recognized_by_its_members_together():
     new = PlusThresholds().decision.new
-    assert np.all(weigh(looks=0.5, witness=0.5) > new + 4)
-    assert np.all(weigh(looks=0.5, witness=0.5, moved=(0.7, -0.2)) > new + 4), "seen from elsewhere"
+    assert np.all(weigh(looks=0.5) > new + 4)
+    assert np.all(weigh(looks=0.5, moved=(0.7, -0.2)) > new + 4), "seen from elsewhere"
 
 
 def test_members_that_look_wrong_cannot_talk_each_other_into_being_known():
     new = PlusThresholds().decision.new
-    assert np.all(weigh(looks=-3.0, witness=100.0) > new), "else there would be nothing to prevent"
-    assert np.all(weigh(looks=-3.0, witness=0.5) < new)
-
-
-def test_members_of_a_rare_class_are_believed_although_they_look_little_alike():
-    common, rare = (weigh(looks=-1.0, witness=0.5, rare=rare) for rare in (False, True))
-    assert np.all(rare > common + 1)
-    assert np.all(weigh(looks=-4.0, witness=0.5, rare=True) < PlusThresholds().decision.new)
+    assert np.all(weigh(looks=-3.0) < new)
 
 
 def test_where_others_of_the_class_move_it_tells_less_how_they_lie():
-    still, among_movers = (weigh(looks=0.5, witness=0.5, speed=speed) for speed in (0.0, 0.1))
+    still, among_movers = (weigh(looks=0.5, speed=speed) for speed in (0.0, 0.1))
     assert np.all(among_movers < still - 2)
     assert np.all(among_movers > 0.5), "it speaks for them nevertheless"
-    apart = weigh(looks=0.5, witness=0.5, rare=True, speed=0.1)
-    np.testing.assert_array_equal(apart, weigh(looks=0.5, witness=0.5, rare=True))
+    apart = weigh(looks=0.5, rare=True, speed=0.1)
+    np.testing.assert_array_equal(apart, weigh(looks=0.5, rare=True))
+    one_lies_wrong = np.zeros((STATIC.num_detections, 2))
+    one_lies_wrong[0] = 3.0, 0.5
     wrong, wrong_among_movers = (
-        weigh(looks=-3.0, witness=-9.0, moved=(3.0, 0.5), speed=speed) for speed in (0.0, 0.1)
+        weigh(looks=2.0, moved=one_lies_wrong, speed=speed)[0] for speed in (0.0, 0.1)
     )
-    np.testing.assert_array_equal(wrong, wrong_among_movers)
+    assert wrong < 1.0, "less than its looks"
+    # The others speak against it by how far they are believed, which is a little less.
+    np.testing.assert_allclose(wrong, wrong_among_movers, atol=0.1)
 
 
 def test_in_a_crowd_the_nearest_are_asked(monkeypatch):
     def ask(num: int) -> np.ndarray:
         monkeypatch.setattr(layout, "NUM_WITNESSES", num)
         still = np.zeros(2, np.float32)
-        return np.asarray(
-            jax.jit(lambda *given: weigh_anew(*given))(0.5, 0.5, still, False, 0.0)[0]
-        )
+        return np.asarray(jax.jit(lambda *given: weigh_anew(*given))(0.5, still, False, 0.0)[0])
 
-    everyone = weigh(looks=0.5, witness=0.5)
+    everyone = weigh(looks=0.5)
     np.testing.assert_allclose(ask(NUM - 1), everyone, rtol=1e-5)
     fewer = ask(1)
     assert np.all(fewer < everyone - 1), "one neighbor says less than four"
@@ -132,6 +124,6 @@ def test_in_a_crowd_the_nearest_are_asked(monkeypatch):
 
 def test_a_batch_is_weighed_as_its_members_alone():
     looks, still = np.array([0.5, -1.0, 3.0], np.float32), np.zeros(2, np.float32)
-    alone = [weigh(looks=one, witness=0.5) for one in looks]
-    in_batch = jax.jit(jax.vmap(lambda one: weigh_anew(one, 0.5, still, False, 0.0)[0]))
+    alone = [weigh(looks=one) for one in looks]
+    in_batch = jax.jit(jax.vmap(lambda one: weigh_anew(one, still, False, 0.0)[0]))
     np.testing.assert_allclose(in_batch(looks), alone, rtol=1e-5)
