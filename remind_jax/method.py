@@ -250,9 +250,24 @@ class Method:
         options = {"static": static, "thresholds": thresholds}
         seen = self.describe(frame_feats, masks, observed, **options)
         after, _ = self.decide(state, seen, **options)
-        # In the types that it came in, so that steps can be scanned.
+        return self.as_before(after, state)
+
+    def as_before(self, after: Any, before: Any) -> Any:
+        """The memory after a frame in the types that it came in, so that steps can be scanned.
+
+        Raises:
+          ConfigError: If it has other leaves, or one of another shape.
+        """
+        old, new = dict(named_leaves(before)), dict(named_leaves(after))
+        wrong = next((name for name in old if np.shape(new.get(name, 0)) != old[name].shape), None)
+        if wrong is not None or jax.tree.structure(after) != jax.tree.structure(before):
+            found = f": '{wrong}' is not {list(old[wrong].shape)}" if wrong else ""
+            raise ConfigError(
+                f"'decide' of tracker '{self.name}' returns a memory of another structure or "
+                f"shapes than it was given{found}; return that memory, changed, and a trace or None"
+            )
         return jax.tree.map(
-            lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, state
+            lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, before
         )
 
     def static(self, **capacities: Any) -> Static:
@@ -362,15 +377,23 @@ def get_method(name: str) -> Method:
 
 
 def register_method(method: Method) -> None:
-    """Adds a method under its name.
+    """Adds a method under its name, or takes it anew, as where a notebook runs a cell again.
 
     Raises:
-      ConfigError: If another method has that name.
+      ConfigError: If it is no `Method`, or its name is none or that of another.
     """
-    taken = _methods.get(method.name)
-    if taken is not None and taken is not method:
+    if not isinstance(method, Method) or not isinstance(method.name, str) or not method.name:
+        raise ConfigError("only a Method that has a name can be registered")
+    taken = _methods.get(method.name, method)
+    if method.name in _CONFIGURED or isinstance(taken, str) or _origin(taken) != _origin(method):
         raise ConfigError(f"a tracker {method.name!r} is registered already; choose another name")
     _methods[method.name] = method
+
+
+def _origin(method: Method) -> tuple[str, str]:
+    """Where what it decides by is defined."""
+    decide = method.decide
+    return getattr(decide, "__module__", ""), getattr(decide, "__qualname__", repr(decide))
 
 
 def list_methods() -> list[str]:

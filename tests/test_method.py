@@ -141,12 +141,70 @@ def test_a_method_without_explanations_cannot_be_traced(counter):
         live.Tracker(tracker="counter", trace=True)
 
 
+def register_like(counter, **changed) -> live.Tracker:
+    register_method(dataclasses.replace(counter, **changed))
+    return live.Tracker(tracker="counter")
+
+
+def test_a_memory_that_comes_back_in_another_shape_is_refused(counter):
+    def turn(state, seen, **options):
+        after, trace = count(state, seen, **options)
+        return dataclasses.replace(after, shift=after.shift[None]), trace
+
+    register_method(dataclasses.replace(counter, name="turned", decide=turn))
+    with pytest.raises(ConfigError, match=r"another structure or shapes.*'shift' is not \[2\]"):
+        live.Tracker(tracker="turned").update(picture(50), two_masks())
+
+
+@pytest.mark.parametrize(
+    ("shift", "said"),
+    [(np.full(2, np.inf, np.float32), "not finite"), (jnp.zeros(2, jnp.bfloat16), "type bfloat16")],
+)
+def test_an_empty_memory_that_no_file_could_hold_is_refused(counter, shift, said):
+    def start(static):
+        return dataclasses.replace(empty(static), shift=shift)
+
+    with pytest.raises(ConfigError, match=rf"leaf 'shift'.*counter.*{said}"):
+        register_like(counter, init=start).update(picture(50), two_masks())
+
+
+def test_where_own_code_fails_the_memory_before_stays(counter):
+    fails = []
+
+    def check(level):
+        if fails:
+            raise RuntimeError("lost its way")
+        return level
+
+    def decide(state, seen, **options):
+        after, trace = count(state, seen, **options)
+        frame = jax.pure_callback(check, jax.ShapeDtypeStruct((), jnp.int32), after.frame)
+        return dataclasses.replace(after, frame=frame), trace
+
+    decide.__qualname__ = count.__qualname__
+    tracker = register_like(counter, decide=decide)
+    tracker.update(picture(50), two_masks())
+    fails.append(True)
+    with pytest.raises(Exception, match="lost its way"):
+        tracker.update(picture(50), two_masks())
+    fails.clear()
+    assert tracker.update(picture(50), two_masks()).object_id.tolist() == [2, 3]
+
+
 def test_wrong_names_are_refused(counter):
     with pytest.raises(ConfigError, match=r"no tracker 'remnd'.*'remind'"):
         get_method("remnd")
-    with pytest.raises(ConfigError, match="registered already"):
-        register_method(dataclasses.replace(counter))
-    register_method(counter)  # a notebook cell that is run twice
+    for taken in (
+        dataclasses.replace(counter, decide=get_method("iou").decide),
+        dataclasses.replace(counter, name="default"),
+    ):
+        with pytest.raises(ConfigError, match="registered already"):
+            register_method(taken)
+    with pytest.raises(ConfigError, match="has a name"):
+        register_method(dataclasses.replace(counter, name=""))
+    again = dataclasses.replace(counter)
+    register_method(again)  # a notebook cell that is run twice
+    assert get_method("counter") is again
     assert list_methods()[0] == load_config().tracker == "plus"
 
 

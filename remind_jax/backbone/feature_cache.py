@@ -48,7 +48,7 @@ def cache_features(backbone: Backbone, folder: str | Path) -> Backbone:
         missing = [i for i, found in enumerate(features) if found is None]
         for i in missing:
             # One by one: another program would be compiled for every number of them.
-            new = np.asarray(backbone.apply(images[i : i + 1]))[0]
+            new = np.asarray(backbone.extract(images[i : i + 1]), np.float32)[0]
             make_folder(places[i].parent)
             replace_file(places[i], _as_file(places[i], new))
             features[i] = new

@@ -75,8 +75,19 @@ class Backbone:
         """
         self._check_images(images)
         if wanted is None or self.apply_to is None:
-            return self.apply(images)
-        return self.apply_to(images, wanted)
+            features = self.apply(images)
+        else:
+            features = self.apply_to(images, wanted)
+        rows, columns = (side // self.patch_px for side in images.shape[1:3])
+        expected = (len(images), rows, columns, self.dim)
+        found = getattr(features, "shape", None)
+        if found != expected:
+            raise ConfigError(
+                f"backbone '{self.name}' gives "
+                f"{type(features).__name__ if found is None else f'features of shape {found}'} "
+                f"for images of shape {images.shape}; an array of shape {expected} is needed"
+            )
+        return features
 
     def extract_closeups(
         self,

@@ -154,9 +154,7 @@ class FrameStep:
             before = jax.tree.unflatten(memory_structure, leaves[: len(memory_shapes)]).unpack()
             given = jax.tree.unflatten(given_structure, leaves[len(memory_shapes) :])
             after, trace = run(before, given)
-            after = jax.tree.map(
-                lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, before
-            )
+            after = self._method.as_before(after, before)
             return (
                 Bundle.of(after),
                 Packed.of(_read_out(self._method, after)),
@@ -169,7 +167,8 @@ class FrameStep:
                 on_leaves,
                 (*memory_shapes, *shapes_of(given_leaves)),
                 (identify(self._method.decide), self._is_traced, static, given_structure),
-                num_donated=len(memory_shapes),
+                # Where own code fails, the memory before stays.
+                num_donated=len(memory_shapes) if is_of_this_package(self._method.decide) else 0,
                 # The structure of a trace is not kept.
                 is_kept=self._is_kept(self._method.decide, static) and not self._is_traced,
             )

@@ -13,6 +13,7 @@ import functools
 import gc
 import hashlib
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterator
@@ -164,10 +165,17 @@ class KeptFunction:
 
 
 def is_of_this_package(function: Callable[..., Any]) -> bool:
-    """Whether a function is found by its name in a module of this package."""
+    """Whether a function is what is found by its name in a module of this package.
+
+    A wrapper may have taken over the name of what it wraps.
+    """
     module = getattr(function, "__module__", None) or ""
-    name = getattr(function, "__qualname__", "<locals>")
-    return module.partition(".")[0] == __name__.partition(".")[0] and "<" not in name
+    if module.partition(".")[0] != __name__.partition(".")[0]:
+        return False
+    found: Any = sys.modules.get(module)
+    for part in getattr(function, "__qualname__", "").split("."):
+        found = getattr(found, part, None)
+    return found is function
 
 
 def identify(function: Callable[..., Any]) -> Hashable:

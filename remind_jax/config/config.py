@@ -300,7 +300,8 @@ def _neutral(tracker: str) -> Config:
 def _as_tracker(name: Any, origin: str) -> str:
     """What should be the name of a tracker."""
     if not isinstance(name, str):
-        raise ConfigError(f"tracker in {origin} is {name!r}; it must be the name of a tracker")
+        shown = reprlib.repr(name)
+        raise ConfigError(f"tracker in {origin} is {shown}; it must be the name of a tracker")
     return name
 
 

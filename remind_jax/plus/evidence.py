@@ -132,10 +132,10 @@ def find_ended(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
 
 def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Array, "N O"]:
     """Cosine to the nearest kept look of each object; -1 without any."""
-    num_o, num_k, white = objects.white_bank.shape
-    flat = objects.white_bank.reshape(num_o * num_k, white)
-    cosine = jnp.matmul(white_look, flat.T, precision="highest").reshape(-1, num_o, num_k)
-    return jnp.max(jnp.where(objects.bank_count > 0, cosine, -1.0), axis=-1)
+    # The many kept looks first: the other way around, all of them would be transposed.
+    cosine = jnp.einsum("oke,ne->okn", objects.white_bank, white_look, precision="highest")
+    kept = (objects.bank_count > 0)[..., None]
+    return jnp.max(jnp.where(kept, cosine, -1.0), axis=1).T
 
 
 class Cosines(NamedTuple):

@@ -51,7 +51,7 @@ def join_memories(
     """
     method = get_method(memory.tracker)
     check_tracker(other, memory.tracker, path)
-    check_backbone(other, memory.backbone, path)
+    check_backbone(other, memory.backbone, memory.fingerprint, path)
     if method.host.join is None or memory.at_rest is None or other.at_rest is None:
         raise ConfigError(
             f"tracker '{memory.tracker}' cannot join memories; trackers that keep objects at rest "

@@ -18,6 +18,7 @@ import numpy as np
 
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
 from remind_jax.compiled.packing import Bundle, Packed
+from remind_jax.compiled.programs import is_of_this_package
 from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.masks.reduction import pad_feats, pad_masks
@@ -28,6 +29,7 @@ from remind_jax.outputs.run_records import Event, MemoryUse
 from remind_jax.printing.words import listing, plural
 from remind_jax.session.ahead import Ahead
 from remind_jax.session.answers import Outlines, outline
+from remind_jax.session.memory_faults import check_first
 from remind_jax.session.preparation import Prepared
 from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, OBJECTS_PER_DETECTION, Static
 
@@ -151,6 +153,8 @@ class GrowingMemory:
         self.grow(**needed)
         if self.state is None:
             self.state = self._method.init(self.static)
+            if not is_of_this_package(self._method.init):
+                check_first(self.state, self._method)
         make_input = functools.partial(self._input, frame_feats, prepared, thresholds)
         outlines: Outlines | None = None
         while True:
@@ -162,9 +166,14 @@ class GrowingMemory:
             self._bundle, self._state = self._bundle or Bundle.of(self._state), None
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
+            before_frame = self._bundle
             self._bundle, packed, trace = self.frame_step.decide(self._bundle, described)
             outlines = outlines or outline(prepared.detections.masks)
-            readout: Readout = jax.device_get(packed).unpack()
+            try:
+                readout: Readout = jax.device_get(packed).unpack()
+            except jax.errors.JaxRuntimeError:
+                self._bundle = before_frame
+                raise
             if not readout.overflow.objects and not readout.overflow.pending:
                 break
             self._make_room(int(readout.overflow.objects), int(readout.overflow.pending))

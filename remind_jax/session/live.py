@@ -333,9 +333,18 @@ class Tracker(Printable):
 
     def _advance(self, prepared: Prepared) -> Tracks:
         start, waited_before = time.perf_counter(), waited_s()
-        if prepared.features is not None:
-            self._features_given = True
-        elif prepared.image is not None:
+        given = prepared.features is not None
+        if given or prepared.image is not None:
+            if self.state is not None and given != self._features_given:
+                own, other = "brings its own features", "was made with features of a backbone"
+                if not given:
+                    own, other = "brings none of its own", "was made with such"
+                raise SourceError(
+                    f"frame '{prepared.frame.name}' {own}, the memory {other}; go on as it "
+                    "began, or 'reset' first"
+                )
+            self._features_given = given
+        if prepared.image is not None and not given:
             self.follow_profile()
         frame_feats = self.describe(prepared)
         described = time.perf_counter()
@@ -407,7 +416,8 @@ class Tracker(Printable):
         memory = load_memory(path)
         check_tracker(memory, self.method.name, path)
         if memory.backbone != FEATURES_GIVEN:
-            check_backbone(memory, self.features.described_by, path)
+            fingerprint = self.backbone.fingerprint
+            check_backbone(memory, self.features.described_by, fingerprint, path)
         with self._alone("prepare"), self._alone("advance"):
             static = static_of(memory, self.config, path)
             self._memory.static, self._memory_file = static, None
@@ -493,4 +503,5 @@ class Tracker(Printable):
             announced=None if announced.is_identity else announced,
             records=self.identities.records,
             at_rest=self._memory.at_rest,
+            fingerprint="" if self._features_given else self.backbone.fingerprint,
         )

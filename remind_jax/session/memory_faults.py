@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from remind_jax.decision import Decisions, Outcome, Reason, Status
+from remind_jax.errors import ConfigError
 from remind_jax.files.limits import MAX_LABEL
 from remind_jax.method import Method, named_leaves
 from remind_jax.numerics.absent import NO_ID
@@ -15,6 +16,30 @@ from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements
 
 _CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
+
+
+def check_first(state: Any, method: Method) -> None:
+    """Refuses an empty memory that could not be read again from a file.
+
+    Raises:
+      ConfigError: If leaves share a name, or one is of another type than whole numbers, floats and
+        flags, or not finite.
+    """
+    names = [name for name, _ in named_leaves(state)]
+    for name, leaf in named_leaves(state):
+        dtype = getattr(leaf, "dtype", type(leaf).__name__)
+        if names.count(name) > 1:
+            wrong = "has the name of another one"
+        elif not isinstance(dtype, np.dtype) or dtype.kind not in "biuf":
+            wrong = f"is of type {dtype}"
+        elif not np.isfinite(leaf).all():
+            wrong = "holds values that are not finite"
+        else:
+            continue
+        raise ConfigError(
+            f"leaf '{name}' of the memory of tracker '{method.name}' {wrong}; memories are finite "
+            "numbers and flags under different names"
+        )
 
 
 def find_fault(

@@ -58,6 +58,7 @@ class SavedMemory:
     announced: Announcements | None = None  # None: all objects, under their own ids
     records: ObjectRecords = dataclasses.field(default_factory=ObjectRecords)
     at_rest: AtRest | None = None  # objects that the state has no slots for
+    fingerprint: str = ""  # of the backbone; none is known of files of earlier versions
 
     def known_ids(self) -> set[int]:
         """The ids of its objects and of those that are coming to be."""
@@ -159,6 +160,7 @@ def _describe(
         "static": json.dumps(dataclasses.asdict(memory.static)),
         "class_names": json.dumps(memory.class_names),
         "backbone": memory.backbone,
+        "fingerprint": memory.fingerprint,
         "tracker": memory.tracker,
         "records": msgspec.json.encode(records).decode(),
     }
@@ -205,8 +207,17 @@ def load_memory(path: str | Path) -> SavedMemory:
         raise OutputError(f"'{path}' is damaged: {error}; {RESTORE}") from error
     at_rest = _read_at_rest(parts, state, method, len(names), path)
     state = jax.tree.map(jax.numpy.asarray, state)
-    backbone = metadata["backbone"]
-    return SavedMemory(state, static, names, backbone, method.name, announced, records, at_rest)
+    return SavedMemory(
+        state,
+        static,
+        names,
+        metadata["backbone"],
+        method.name,
+        announced,
+        records,
+        at_rest,
+        metadata.get("fingerprint", ""),
+    )
 
 
 def _pictures(part: SafetensorsPart, path: Path) -> np.ndarray:
@@ -322,17 +333,23 @@ def _shape(tracker: str, static: Static) -> Any:
     return jax.eval_shape(functools.partial(get_method(tracker).init, static))
 
 
-def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None:
+def check_backbone(memory: SavedMemory, backbone: str, fingerprint: str, path: str | Path) -> None:
     """Refuses features that the memory was not made with.
 
     Raises:
       RemindError: If the backbones differ.
     """
-    if memory.backbone != backbone:
+    if memory.backbone == backbone:
+        if len({memory.fingerprint, fingerprint} - {""}) < 2:
+            return
         raise RemindError(
-            f"{path} was made with backbone '{memory.backbone}', not '{backbone}'; features of "
-            "different backbones, or of frames and closeups (input.closeups), cannot be compared"
+            f"{path} was made with other weights or options of backbone '{backbone}'; their "
+            "features cannot be compared"
         )
+    raise RemindError(
+        f"{path} was made with backbone '{memory.backbone}', not '{backbone}'; features of "
+        "different backbones, or of frames and closeups (input.closeups), cannot be compared"
+    )
 
 
 def _check_tensors(

@@ -149,7 +149,8 @@ class FramePreparer:
         return Alignment.fit(
             frame.size,
             self._patch_px_of(frame),
-            max_width_px=config.input.max_width_px,
+            # Features that a frame brings cannot be scaled with it.
+            max_width_px=config.input.max_width_px if frame.features is None else frame.size[1],
             center_crop=config.input.center_crop,
         )
 

@@ -113,7 +113,7 @@ def open_source(
     if unlabelled not in ("error", "skip"):
         raise OptionError(f"'unlabelled' is {unlabelled!r}; give 'error' or 'skip'", "unlabelled")
     live = LiveOptions(duration, reconnect)
-    if isinstance(spec, Source) and masks is None and chosen == Sampling():
+    if isinstance(spec, Source) and masks is None and name is None and chosen == Sampling():
         live.refuse_for_recordings(spec.name)
         return spec
     json_file = None if metadata is None else _existing(metadata)

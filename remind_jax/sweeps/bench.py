@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import inspect
+import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -75,7 +75,7 @@ class SceneBench:
         self._config = _choose(config, tracker)
         method = get_method(self._config.tracker)
         self._sweeping, self._delay = method.sweeping, choose_delay(delay, method)
-        self._code = _code_of(method)
+        self._code = code_of(method)
         self._backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
         sources = [
             open_source(scene, sampling=sampling, **source_options) for scene in _as_list(scenes)
@@ -276,13 +276,20 @@ def _choose(config: str | Path | Config | Mapping[str, Any], tracker: str | None
     return chosen if tracker is None else chosen.with_tracker(tracker)
 
 
-def _code_of(method: Method) -> str:
-    """The module of a method that is not of this package; what that imports is not looked at."""
-    if is_of_this_package(method.decide):
-        return ""
-    with contextlib.suppress(OSError, TypeError):  # typed at a prompt
-        return inspect.getsource(inspect.getmodule(method.decide) or method.decide)
-    return ""
+def code_of(method: Method) -> str:
+    """The files of functions that are not of this package; what they import is not looked at."""
+    return "".join(
+        _text_around(function)
+        for function in (method.init, method.describe, method.decide)
+        if not is_of_this_package(function)
+    )
+
+
+def _text_around(function: Callable[..., Any]) -> str:
+    with contextlib.suppress(AttributeError, OSError):
+        return Path(function.__code__.co_filename).read_text()
+    # Of a notebook or a prompt nobody can tell what it was: its rows are made anew.
+    return uuid.uuid4().hex
 
 
 class _Tally:

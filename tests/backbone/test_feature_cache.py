@@ -42,6 +42,15 @@ def test_features_are_computed_once(counting, tmp_path):
     assert counting.num_images == 3
 
 
+def test_features_of_other_types_are_found_again_too(counting, tmp_path):
+    half = dataclasses.replace(
+        counting.backbone, apply=lambda images: counting.apply(images).astype(np.float16)
+    )
+    for _ in range(2):
+        cache_features(half, tmp_path).extract(IMAGES)
+    assert counting.num_images == 3
+
+
 def test_only_missing_images_are_computed(counting, tmp_path):
     cached = cache_features(counting.backbone, tmp_path)
     cached.extract(IMAGES[1:2])

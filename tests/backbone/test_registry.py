@@ -1,3 +1,4 @@
+import dataclasses
 import subprocess
 import sys
 
@@ -87,4 +88,13 @@ def test_a_name_belongs_to_one_backbone():
 def test_unfit_images_are_refused_in_one_sentence(shape, dtype, message):
     with pytest.raises(SourceError, match=message) as caught:
         make_backbone().extract(np.zeros(shape, dtype))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("wrong", [lambda x: x[0], lambda x: x[:, :1], lambda x: x.tolist()])
+def test_unfit_features_are_refused_in_one_sentence(wrong):
+    right = make_backbone()
+    broken = dataclasses.replace(right, apply=lambda images: wrong(np.asarray(right.apply(images))))
+    with pytest.raises(ConfigError, match=r"gives .* is needed") as caught:
+        broken.extract(np.zeros((2, 8, 8, 3), np.uint8))
     assert "\n" not in str(caught.value)

@@ -107,3 +107,5 @@ def test_only_functions_that_the_text_of_the_package_defines_are_kept():
     assert not is_of_this_package(np.add)
     assert not is_of_this_package(lambda state: state)
     assert not is_of_this_package(functools.partial(decide))
+    wrapper = functools.wraps(decide)(lambda state, seen, **options: decide(state, seen, **options))
+    assert not is_of_this_package(wrapper), "under the name of what it wraps"

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from remind_jax.backbone import Backbone, get_backbone
+from remind_jax.config import load_config
 from remind_jax.errors import ConfigError, RemindError
 from remind_jax.frame import Detections, Frame
 from remind_jax.masks.closeups import CLOSEUP_PATCHES, cut_closeups
@@ -167,6 +168,14 @@ def test_frames_that_bring_features_are_not_looked_at_again():
     tracker = closeup_tracker()
     prepared = tracker.prepare(frame_of(None, masks, features=features))
     assert isinstance(tracker.describe(prepared), FrameFeats)
+
+
+def test_frames_that_bring_features_are_not_scaled():
+    width = load_config("default").input.max_width_px + 8 * PATCH_PX
+    masks, features = np.zeros((1, 64, width), bool), np.ones((4, width // 16, 9), np.float32)
+    masks[0, 16:48, 16:64] = True
+    prepared = closeup_tracker().prepare(frame_of(None, masks, features=features))
+    assert prepared.masks.coverage.shape[1:] == features.shape[:2]
 
 
 @pytest.mark.heavy

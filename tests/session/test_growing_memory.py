@@ -105,6 +105,15 @@ def test_features_of_another_width_are_refused():
     image, labels = frames(1)[0]
     tracker.update(image, labels)
     grid = (scenes.HEIGHT_PX // scenes.PATCH_PX, scenes.WIDTH_PX // scenes.PATCH_PX)
-    frame = Frame(1, 1, 1.0, "1", image, features=np.zeros((*grid, 7), np.float32))
-    with pytest.raises(SourceError, match=r"features of 7 numbers.*the memory knows"):
+    frame, wider = (
+        Frame(1, 1, 1.0, "1", image, features=np.zeros((*grid, width), np.float32))
+        for width in (7, 8)
+    )
+    with pytest.raises(SourceError, match="brings its own features, the memory was made with"):
         tracker.update(frame, labels)
+    tracker.reset()
+    tracker.update(frame, labels)
+    with pytest.raises(SourceError, match=r"features of 8 numbers.*the memory knows"):
+        tracker.update(wider, labels)
+    with pytest.raises(SourceError, match="brings none of its own"):
+        tracker.update(image, labels)

@@ -188,9 +188,13 @@ def test_announcements_that_no_run_leaves_are_refused(path, memory):
 
 
 def test_features_of_another_backbone_are_refused(memory):
-    check_backbone(memory, "patch-statistics", "file")
+    for known, now in (("", ""), ("a", ""), ("", "a"), ("a", "a")):
+        made = dataclasses.replace(memory, fingerprint=known)
+        check_backbone(made, "patch-statistics", now, "file")
     with pytest.raises(RemindError, match="cannot be compared"):
-        check_backbone(memory, "dinov3", "file")
+        check_backbone(memory, "dinov3", "", "file")
+    with pytest.raises(RemindError, match="other weights or options"):
+        check_backbone(made, "patch-statistics", "b", "file")
 
 
 def test_switches_that_leave_room_are_followed(memory):

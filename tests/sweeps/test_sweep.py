@@ -10,9 +10,11 @@ from remind_jax.backbone.registry import get_backbone
 from remind_jax.config import load_config
 from remind_jax.errors import ConfigError, OutputError, SourceError
 from remind_jax.frame import Detections
+from remind_jax.method import get_method
 from remind_jax.sources import open_source
 from remind_jax.sweeps import batches, sweep
 from remind_jax.sweeps.batches import run_batch
+from remind_jax.sweeps.bench import code_of
 from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.scene_arrays import describe_scene, load_scene
 from remind_jax.sweeps.settings import complete
@@ -124,3 +126,19 @@ def test_bad_input_is_told_before_work_starts():
     ]
     with pytest.raises(SourceError, match="no mask of a known object"):
         sweep([unknown], {"matching.match": [0.5]}, config=CONFIG)
+
+
+def test_rows_depend_on_every_function_of_an_own_method(tmp_path):
+    package, file = get_method("iou"), tmp_path / "mine.py"
+    code = {}
+    for text in ("def f(): return 1", "def f(): return 2"):
+        file.write_text(text)
+        exec(compile(text, file, "exec"), own := {})
+        for place in ("init", "describe", "decide"):
+            method = dataclasses.replace(package, **{place: own["f"]})
+            code.setdefault(place, []).append(code_of(method))
+    assert all(before != after for before, after in code.values())
+    assert code_of(package) == ""
+    exec("def f(): return 1", typed := {})
+    typed = dataclasses.replace(package, decide=typed["f"])
+    assert code_of(typed) != code_of(typed), "nobody can tell what it was"
