@@ -38,7 +38,6 @@ def score_labels(
     predicted_id: Int[Array, "T N"],
     firm_id: Int[Array, "T N"] | None = None,
     score: Float[Array, "T N"] | None = None,
-    gt_class: Int[Array, "T N"] | None = None,
     *,
     num_objects: int,
     num_labels: int,
@@ -54,7 +53,6 @@ def score_labels(
     score = jnp.zeros(gt_index.shape) if score is None else score
     overflow = jnp.any(predicted_id >= num_labels) | jnp.any(firm_id >= num_labels)
     predicted_id, firm_id = (_keep_first(ids, score) for ids in (predicted_id, firm_id))
-    classes = jnp.zeros_like(gt_index) if gt_class is None else gt_class
 
     object_hot = _one_hot(gt_index, num_objects)
     common = jnp.einsum("tno,tnl->ol", object_hot, _one_hot(predicted_id, num_labels))
@@ -67,8 +65,7 @@ def score_labels(
     opportunities, recovered, hard = _count_recovery(
         jnp.any(object_hot > 0, axis=1),
         jnp.max(jnp.where(object_hot > 0, firm_id[:, :, None], NONE), axis=1),
-        _first_class(gt_index, classes, num_objects),
-        _first_class(firm_id, classes, num_labels),
+        num_labels,
     )
     total = jnp.where(opportunities > 0, opportunities, jnp.nan)
     return GraphScores(
@@ -122,24 +119,14 @@ def _score_association(
     return det_a, jnp.sum(pairs * (pairs / union)) / jnp.maximum(1.0, num_matches)
 
 
-def _first_class(index: Int[Array, "T N"], classes: Int[Array, "T N"], size: int) -> Array:
-    """Class at the first occurrence of each number; -1 where it never occurs."""
-    index, classes = index.ravel(), classes.ravel()
-    place = jnp.arange(len(index))
-    inside = (index >= 0) & (index < size)
-    first = jnp.full(size, len(index)).at[jnp.where(inside, index, size)].min(place, mode="drop")
-    return jnp.where(first < len(index), classes[jnp.minimum(first, len(index) - 1)], NONE)
-
-
 def _count_recovery(
     visible: Bool[Array, "T O"],
     answer: Int[Array, "T O"],
-    object_class: Int[Array, "O"],
-    label_class: Int[Array, "L"],
+    num_labels: int,
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
     """Opportunities, recovered and hard recovered returns, by the one-to-one reference."""
-    answer = jnp.where(answer < len(label_class), answer, NONE)
-    reference = _find_reference(answer, object_class, label_class)
+    answer = jnp.where(answer < num_labels, answer, NONE)
+    reference = _find_reference(answer, num_labels)
     is_right = (answer == reference[None, :]) & (answer != NONE)
 
     def look(carry, frame):
@@ -161,23 +148,16 @@ def _count_recovery(
     return counts[0], counts[1], counts[2]
 
 
-def _find_reference(
-    answer: Int[Array, "T O"],
-    object_class: Int[Array, "O"],
-    label_class: Int[Array, "L"],
-) -> Int[Array, "O"]:
-    num_objects, num_labels = len(object_class), len(label_class)
-    answer_hot = jax.nn.one_hot(answer, num_labels, dtype=jnp.float32)
-    same_class = object_class[:, None] == label_class[None, :]
-    worth = jnp.where(same_class, jnp.sum(answer_hot, axis=0), 0.0)
+def _find_reference(answer: Int[Array, "T O"], num_labels: int) -> Int[Array, "O"]:
+    num_objects = answer.shape[1]
+    worth = jnp.sum(jax.nn.one_hot(answer, num_labels, dtype=jnp.float32), axis=0)
     takes_part = jnp.any(worth > 0, axis=1)
     # Objects that were never answered compete with nobody: a group of their own.
-    apart = jnp.max(object_class, initial=0) + 1 + jnp.arange(num_objects)
-    group = jnp.where(takes_part, object_class, apart)
-    used = jnp.any((group[:, None] == group[None, :])[:, :, None] & (worth > 0)[None], axis=1)
+    group = jnp.where(takes_part, 0, 1 + jnp.arange(num_objects))
+    used = jnp.any(worth > 0, axis=0)
     column = assign_in_graph(
         worth,
-        used & takes_part[:, None],
+        used[None] & takes_part[:, None],
         group.astype(jnp.int32),
         jnp.zeros(num_objects),
         jnp.asarray(False),

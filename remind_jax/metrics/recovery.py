@@ -52,19 +52,16 @@ class RecoveryCounts:
 def collect_answers(sequence: TrackingSequence) -> Answers:
     """Matches predictions with ground truth and keeps what each visible object was called.
 
-    Within a frame the total similarity of pairs of one class is maximized. Labels are positions in
-    `sequence.pred.objects`; the class of a label is that of its first row.
+    Within a frame the total similarity is maximized. Labels are positions in
+    `sequence.pred.objects`. Classes do not count: a detector may name one thing now so, now so.
     """
-    gt, pred, similarity = match_detections(sequence, within_class=True)
+    gt, pred, similarity = match_detections(sequence)
     label = np.full(len(sequence.gt), NO_LABEL)
     label[gt] = sequence.pred.index[pred]
     overlap = np.zeros(len(sequence.gt))
     overlap[gt] = similarity
-    label_class = np.full(len(sequence.pred.objects), ANY_CLASS)
-    label_class[sequence.pred.index[::-1]] = sequence.pred.class_index[::-1]
-    return Answers(
-        sequence.gt.frame, sequence.gt.id, label, overlap, sequence.gt.class_index, label_class
-    )
+    any_class = np.full(len(sequence.gt), ANY_CLASS), np.full(len(sequence.pred.objects), ANY_CLASS)
+    return Answers(sequence.gt.frame, sequence.gt.id, label, overlap, *any_class)
 
 
 def find_reference(answers: Answers) -> Int[np.ndarray, "objects"]:

@@ -176,7 +176,7 @@ def pair_with_instances(tracks: Sequence[Tracks], name: str) -> PairedScene:
 
 def _judge(sequence: TrackingSequence, tracks: Sequence[Tracks]) -> UncertaintyCounts:
     """Counts undecided answers by the numbered detection that shows each observation."""
-    gt, pred, _ = match_detections(sequence, within_class=True)
+    gt, pred, _ = match_detections(sequence)
     number = np.full(len(sequence.gt), NO_ROW)
     number[gt] = sequence.pred.id[pred]
     decisions = Decisions.of_tracks(tracks).take(number)

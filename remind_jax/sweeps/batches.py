@@ -246,7 +246,6 @@ def score_batch(
     while True:
         scores = compiled_score(
             widen(truth.object_index),
-            widen(truth.class_id),
             filled,
             num_objects=num_objects,
             num_labels=num_labels,

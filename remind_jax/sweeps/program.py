@@ -106,7 +106,6 @@ def follow(
 
 def score(
     object_index: Int[Array, "T N"],
-    class_id: Int[Array, "T N"],
     answers: Answers,
     *,
     num_objects: int,
@@ -116,7 +115,6 @@ def score(
 
     Args:
       object_index: True object of each detection.
-      class_id: Its class.
       answers: What the settings said.
       num_objects: True objects.
       num_labels: Different ids at most.
@@ -127,7 +125,7 @@ def score(
 
     def one(ids: Array, certainty: Array) -> tuple[GraphScores, Array]:
         scores = score_labels(
-            object_index, ids, score=certainty, gt_class=class_id,
+            object_index, ids, score=certainty,
             num_objects=num_objects, num_labels=num_labels,
         )  # fmt: skip
         return scores, jnp.sum(
@@ -263,14 +261,13 @@ def _compile_kept(
 
 def compiled_score(
     object_index: Int[np.ndarray, "T N"],
-    class_id: Int[np.ndarray, "T N"],
     answers: Answers,
     *,
     num_objects: int,
     num_labels: int,
 ) -> dict[str, np.ndarray]:
     """`score`, compiled once per process and kept for others."""
-    leaves, structure = jax.tree.flatten((object_index, class_id, answers))
+    leaves, structure = jax.tree.flatten((object_index, answers))
 
     def on_leaves(*leaves: Any) -> list[Array]:
         given = jax.tree.unflatten(structure, leaves)

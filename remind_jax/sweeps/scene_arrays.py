@@ -40,7 +40,6 @@ class Truth:
     """Which true object each detection shows."""
 
     object_index: Int[np.ndarray, "T N"]  # 0, 1, ...; -1 where there is none
-    class_id: Int[np.ndarray, "T N"]
     num_objects: int
 
 
@@ -130,7 +129,7 @@ def load_scene(
       SourceError: If the source is empty, or does not say which objects its masks show.
     """
     reader = Tracker(config.updated({"thresholds": nest(reduced_with or {})}), backbone)
-    feats, masks, observed, instances, labels, brings_features = _read(source, reader)
+    feats, masks, observed, instances, brings_features = _read(source, reader)
     if not brings_features:
         config = config.for_backbone(*backbone.identity)
     found = sorted({int(i) for ids in instances for i in ids} - {NO_INSTANCE})
@@ -139,7 +138,7 @@ def load_scene(
             f"'{source.name}' holds no mask of a known object; a sweep is scored against masks "
             "that say which object they show"
         )
-    truth = _truth(instances, labels, found)
+    truth = _truth(instances, found)
     return SceneFrames(source.name, feats, masks, observed, truth, config)
 
 
@@ -198,12 +197,12 @@ def stack_scene(
 
 def _read(
     source: Source, reader: Tracker
-) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], list[tuple[str, ...]], bool]:
-    """Of all frames features, masks, what is observed, instances and classes.
+) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], bool]:
+    """Of all frames features, masks, what is observed, and instances.
 
     Last, whether it brings features.
     """
-    feats, masks, observed, instances, labels = [], [], [], [], []
+    feats, masks, observed, instances = [], [], [], []
     brings_features = False
     for frame in source:
         prepared = reader.prepare(frame)
@@ -212,21 +211,18 @@ def _read(
         masks.append(prepared.masks)
         observed.append(prepared.observed)
         instances.append(prepared.detections.instance_ids)
-        labels.append(prepared.detections.labels)
     if not masks:
         raise SourceError(f"'{source.name}' has no frames")
-    return feats, masks, observed, instances, labels, brings_features
+    return feats, masks, observed, instances, brings_features
 
 
-def _truth(instances: list[np.ndarray], labels: list[tuple[str, ...]], found: list[int]) -> Truth:
-    class_ids = {name: number for number, name in enumerate(sorted(set().union(*labels)))}
+def _truth(instances: list[np.ndarray], found: list[int]) -> Truth:
     number = {instance: index for index, instance in enumerate(found)}
     shape = (len(instances), max(len(ids) for ids in instances))
-    index, classes = np.full(shape, NONE, np.int32), np.full(shape, NONE, np.int32)
+    index = np.full(shape, NONE, np.int32)
     for frame, ids in enumerate(instances):
         index[frame, : len(ids)] = [number.get(int(instance), NONE) for instance in ids]
-        classes[frame, : len(ids)] = [class_ids[name] for name in labels[frame]]
-    return Truth(index, classes, len(found))
+    return Truth(index, len(found))
 
 
 def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:

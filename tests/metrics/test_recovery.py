@@ -79,7 +79,7 @@ def test_weak_overlaps_answer_only_if_admitted():
     assert collect_answers(sequence).label.tolist() == [NO_LABEL, NO_LABEL]
 
 
-def test_a_prediction_of_another_class_answers_nothing():
+def test_a_prediction_of_another_class_answers_too():
     sequence = TrackingSequence.create(
         1,
         ([0], [1]),
@@ -89,4 +89,4 @@ def test_a_prediction_of_another_class_answers_nothing():
         pred_class=[1],
         class_names=("cup", "box"),
     )
-    assert collect_answers(sequence).label.tolist() == [NO_LABEL]
+    assert collect_answers(sequence).label.tolist() == [0]
