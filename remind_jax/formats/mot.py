@@ -25,6 +25,7 @@ FileFormat = Literal["mot", "mots", "kitti-mots"]
 MOTS_CLASSES = {1: "car", 2: "pedestrian"}
 MOTS_IGNORE_CLASS = 10
 DEFAULT_MOTS_CLASS = 2
+_MOTS_CAR = 1
 
 _MAX_NUMBER = 1e16
 _MAX_ID = 2**63 - 1
@@ -268,42 +269,43 @@ def _read_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
 def mot_lines(tracks: Iterable[Tracks]) -> list[str]:
     """MOTChallenge results: `frame,id,left,top,width,height,confidence,-1,-1,-1`.
 
-    Ids and frames (position in the run) start at 1. Class and visibility are -1, as the challenge
-    asks of results; classes are in `tracks.csv`.
+    Ids, and frames as the source counts them, start at 1. Class and visibility are -1, as the
+    challenge asks of results; classes are in `tracks.csv`.
     """
     lines = []
-    for number, frame in enumerate(tracks, start=1):
+    for frame in tracks:
         for row in firm_rows(frame):
             left, top, right, bottom = frame.boxes[row]
             lines.append(
-                f"{number},{frame.object_id[row] + 1},{left:.2f},{top:.2f},{right - left:.2f},"
-                f"{bottom - top:.2f},{frame.confidence[row]:.4f},-1,-1,-1"
+                f"{frame.source_index + 1},{frame.object_id[row] + 1},{left:.2f},{top:.2f},"
+                f"{right - left:.2f},{bottom - top:.2f},{frame.confidence[row]:.4f},-1,-1,-1"
             )
     return lines
 
 
-def mots_lines(tracks: Sequence[Tracks], class_names: Sequence[str]) -> list[str]:
-    """MOTS results: `frame id class height width rle`, class = place in `class_names` + 1.
+def mots_lines(tracks: Sequence[Tracks]) -> list[str]:
+    """MOTS results: `frame id class height width rle`, numbered as in `mot_lines`.
 
-    Masks of a frame may not overlap in this format: shared pixels go to the higher confidence. An
-    identity has one class, that of most of its rows.
+    The format knows two classes: what is called "car" is one, all else has the other. An identity
+    has one class, that of most of its rows. Masks of a frame may not overlap in this format: shared
+    pixels go to the higher confidence.
     """
     votes: dict[int, Counter[str]] = {}
     for frame in tracks:
         for row in firm_rows(frame):
             votes.setdefault(int(frame.object_id[row]), Counter())[frame.labels[row]] += 1
     label_of = {one: names.most_common(1)[0][0] for one, names in votes.items()}
-    numbers = {name: number for number, name in enumerate(class_names, start=1)}
     lines = []
-    for number, frame in enumerate(tracks, start=1):
+    for frame in tracks:
         rows = firm_rows(frame)
         height, width = frame.frame_size
         for row, rle in zip(rows, masks_without_overlap(frame, rows), strict=True):
             if rle is None:
                 continue
             one = int(frame.object_id[row])
+            class_id = _MOTS_CAR if label_of[one] == MOTS_CLASSES[_MOTS_CAR] else DEFAULT_MOTS_CLASS
             lines.append(
-                f"{number} {one + 1} {numbers[label_of[one]]} "
+                f"{frame.source_index + 1} {one + 1} {class_id} "
                 f"{height} {width} {rle['counts'].decode('ascii')}"
             )
     return lines

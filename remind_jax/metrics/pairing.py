@@ -143,9 +143,9 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
     if truth.frame_names and prediction.frame_names:
         place = align_frames(truth.frame_names, prediction.frame_names, prediction.name)
     else:
-        place = _numbers(prediction, truth)
+        place = _numbers(prediction)
         if truth.frame_names:
-            place_of = {one: at for at, one in enumerate(_numbers(truth, prediction).tolist())}
+            place_of = {one: at for at, one in enumerate(_numbers(truth).tolist())}
             place = np.array([place_of.get(one, NOT_ALIGNED) for one in place.tolist()], np.int64)
         num_frames = max(truth.num_frames, int(place.max(initial=-1)) + 1)
         truth = dataclasses.replace(truth, num_frames=num_frames)
@@ -167,18 +167,9 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
     return truth, moved, tuple(notes)
 
 
-def _numbers(rows: TrackRows, other: TrackRows) -> Int[np.ndarray, "frames"]:
-    """Numbers of the frames as the other side counts them: in the source, where they are known.
-
-    What has no more frames than were processed here counts these, as text that a run wrote does.
-    """
-    numbers = rows.source_frames
-    if numbers is None:
-        return np.arange(rows.num_frames)
-    is_processed = numbers != NOT_ALIGNED
-    if other.source_frames is None and other.num_frames <= np.sum(is_processed):
-        numbers = np.where(is_processed, np.arange(rows.num_frames), NOT_ALIGNED)
-    return numbers
+def _numbers(rows: TrackRows) -> Int[np.ndarray, "frames"]:
+    """Numbers of the frames in the source, where they are known."""
+    return np.arange(rows.num_frames) if rows.source_frames is None else rows.source_frames
 
 
 def _keep_frames(rows: TrackRows, frames: Int[np.ndarray, "T"]) -> TrackRows:

@@ -77,7 +77,7 @@ def write_tables(
     content = coco_video(tracks, class_names, name, fps)
     texts = {
         "mot.txt": "".join(f"{line}\n" for line in mot_lines(tracks)),
-        "mots.txt": "".join(f"{line}\n" for line in mots_lines(tracks, class_names)),
+        "mots.txt": "".join(f"{line}\n" for line in mots_lines(tracks)),
         "coco_video.json": json.dumps(content, ensure_ascii=False, separators=(",", ":")),
     }
     for file_name, text in texts.items():
