@@ -107,7 +107,7 @@ class Tracks(Printable):
             return f"{label} {' or '.join(shown)}?"
         if self.outcome[row] == Outcome.PROVISIONAL_PARENT and shown:
             return f"{label} {shown[0]}?"
-        return f"{label} new?"
+        return label if self.outcome[row] == Outcome.DROPPED else f"{label} new?"
 
     def to_supervision(self, class_names: Sequence[str] | None = None) -> sv.Detections:
         """The detections for the `supervision` library, in their order.

@@ -14,8 +14,6 @@ from remind_jax.errors import OutputError
 from remind_jax.files import refuse_file, replace_file
 from remind_jax.printing.terminal import print_lines
 
-CVAT_NAME = "cvat.xml"
-
 
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +35,7 @@ class Export:
         """Reads the run and writes the file; returns the exit code."""
         from remind_jax.formats.cvat import to_cvat
         from remind_jax.outputs.result import Result
+        from remind_jax.outputs.writer import CVAT_NAME
 
         out = self.out or self.run / CVAT_NAME
         if out.exists() and not self.overwrite:

@@ -108,7 +108,7 @@ class Memory:
         if self.json:
             print(json.dumps([_facts(one) for one in objects], ensure_ascii=False, indent=1))
         elif not self.quiet:
-            print_lines([*said, f"{path}: {about}"])
+            print_lines([*said, f"{self.out or path}: {about}"])
             if change is None and objects:
                 _print_objects(objects)
         return process.FINE

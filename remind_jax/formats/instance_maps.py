@@ -16,31 +16,33 @@ from remind_jax import files
 from remind_jax.decision import NO_ID
 from remind_jax.errors import OutputError, SourceError, UnreadableFrame
 from remind_jax.formats.firm import firm_rows, masks_without_overlap
-from remind_jax.formats.pictures import read_label_map
+from remind_jax.formats.pictures import VOID, read_label_map
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of
 from remind_jax.masks.run_length import decode_mask, encode_label_map
 from remind_jax.printing.terminal import printable
 from remind_jax.tracks import Tracks
 
 METADATA_NAME = "metadata.json"
-VOID = 255  # in 8-bit truth
 
 
 def find_map_scenes(path: Path) -> dict[str, Path]:
     """Folders of instance maps at most two levels below a path, by name of the scene.
 
-    A folder `Annotations` is gone into first.
+    A folder `Annotations` is gone into first, here and one level below.
     """
     root = path / "Annotations" if (path / "Annotations").is_dir() else path
     if list_maps(root):
         return {path.name: root}
-    found: list[Path] = []
+    found: list[tuple[str, Path]] = []
     for outer in _folders_in(root):
-        found += [f for f in ([outer] if list_maps(outer) else _folders_in(outer)) if list_maps(f)]
-    names = [folder.name for folder in found]
-    if len(set(names)) == len(names):
-        return dict(zip(names, found, strict=True))
-    return {folder.relative_to(root).as_posix(): folder for folder in found}
+        if (outer / "Annotations").is_dir():
+            found += find_map_scenes(outer).items()
+        else:
+            inner = [outer] if list_maps(outer) else _folders_in(outer)
+            found += [(folder.name, folder) for folder in inner if list_maps(folder)]
+    if len(dict(found)) == len(found):
+        return dict(found)
+    return {folder.relative_to(root).as_posix(): folder for _, folder in found}
 
 
 def list_maps(folder: Path) -> list[Path]:

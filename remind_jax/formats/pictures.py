@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 TIMES_NAME = "times.txt"  # in a folder of pictures: seconds of every one, one a line
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
+VOID = 255  # in 8-bit instance maps of DAVIS: neither an object nor nothing
 _KINDS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF")
 _MAX_SCANS = 100  # of a JPEG that gets sharper, which has some ten; each takes as long as a picture
 _NO_PICTURE_OF_ITS_OWN = 0b101  # kinds of TIFF pages: a smaller copy, a mask

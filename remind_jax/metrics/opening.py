@@ -92,6 +92,8 @@ def open_scenes(
         return _open_json(path, truth)
     if format in ("davis", "run"):
         raise SourceError(f"{path} is a file; format '{format}' is a folder")
+    if format is None and path.suffix in (".csv", ".jsonl") and holds_run(path.parent):
+        raise SourceError(f"'{path}' is a part of a run; give the folder '{path.parent}'")
     found = format or recognize_format(path)
     if format is None and like is not None and is_blank(path):
         found = like
@@ -116,10 +118,14 @@ def _open_folder(path: Path, format: Format | None, *, is_truth: bool) -> SceneS
             for name, folder in maps.items()
         }
         return SceneSet(path, "davis", read, maps)
+    exports = {file.stem: file for file in sorted(path.glob("*.xml")) if looks_like_cvat(file)}
+    if exports and format in (None, "cvat"):
+        read = {name: functools.partial(read_cvat, file) for name, file in exports.items()}
+        return SceneSet(path, "cvat", read, exports)
     looked_for = f"tracks in format '{format}'" if format else "tracks in a known format"
     raise SourceError(
         f"'{path}' holds no {looked_for}; give a folder of instance maps (.png), of MOT or MOTS "
-        "text (.txt), a run of remind, or a JSON file"
+        "text (.txt), of CVAT files (.xml), a run of remind, or a JSON file"
     )
 
 

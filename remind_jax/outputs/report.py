@@ -217,13 +217,16 @@ def _start_up(result: Result) -> str:
 
 
 def _frame_decided(result: Result, object_id: int, position: int) -> int:
-    """The frame in which it was decided who returned, -1 if the run does not tell."""
+    """The frame in which it was decided who returned.
+
+    It is -1 if the run does not tell, or if a tracklet goes on that was decided before.
+    """
     if result.explainer is None:
         return -1
     tracks = result.tracks[position]
     (row, *_) = np.flatnonzero(tracks.object_id == object_id)
     at = result.explain(tracks.frame_index, int(row)).decided_at
-    return -1 if at is None else at
+    return -1 if at is None or at < tracks.frame_index else at
 
 
 def _frame_data(tracks: Tracks, class_of: Mapping[str, int]) -> dict[str, Any]:

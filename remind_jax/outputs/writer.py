@@ -19,6 +19,7 @@ from remind_jax.explanation.archive import TRACE_NAME
 from remind_jax.files import writing
 from remind_jax.frame import Frame
 from remind_jax.outputs import gallery, overlay, report, store, tables
+from remind_jax.outputs.label_edits import LABEL_PAGE_NAME
 from remind_jax.outputs.overlay import OVERLAY_NAME
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import RunInfo
@@ -79,6 +80,7 @@ FILE_NAMES = (
     report.REPORT_NAME,
     store.RUN_NAME,
 )
+CVAT_NAME = "cvat.xml"  # of `remind export`
 MEMORY_NAME = "memory.safetensors"  # written by the tracker
 CHECKPOINT_NAME = "checkpoint"  # folder of what is needed to go on, until the run is complete
 # Image folders have no clock of their own.
@@ -338,7 +340,8 @@ def check_folder(folder: Path, overwrite: bool, resume: bool = False) -> None:
 def _prepare_folder(folder: Path, overwrite: bool, resume: bool) -> None:
     files.make_folder(folder)
     check_folder(folder, overwrite, resume)
-    names = (*FILE_NAMES, TRACE_NAME)
+    # What was made of the run that was there shows another one.
+    names = (*FILE_NAMES, TRACE_NAME, LABEL_PAGE_NAME, CVAT_NAME)
     for name in [f"{name}.part" for name in names] + ([] if resume else list(names)):
         with files.writing(folder / name):
             (folder / name).unlink(missing_ok=True)

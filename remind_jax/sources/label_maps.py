@@ -15,7 +15,7 @@ from jaxtyping import Bool, Integer, Shaped
 
 from remind_jax.crops import require_room
 from remind_jax.errors import SourceError
-from remind_jax.formats.pictures import read_label_map
+from remind_jax.formats.pictures import VOID, read_label_map
 from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.file_tree import files_in, frame_stem, last_number, read_of_frame
@@ -71,6 +71,7 @@ class LabelMaps:
                 f"frames of '{reader.name}' have no annotation and count as frames without "
                 "detections"
             )
+        self._has_instances = False
         self._check_some()
 
     def detections_of(self, entry: Entry, frame_size: tuple[int, int]) -> Detections:
@@ -78,9 +79,10 @@ class LabelMaps:
         file = self._file_of.get(entry.source_index)
         if file is None:
             return Detections.empty(*frame_size)
-        labels = fit_plane(self._read(file), frame_size, f"annotation '{file}'")
-        ids = instance_ids_in(labels)
+        labels = self._read(file)
+        ids = self._ids_in(labels)
         self._require_classes(ids)
+        labels = fit_plane(labels, frame_size, f"annotation '{file}'")
         return detections_in(labels, self._classes, ids)
 
     def _read(self, file: str) -> Integer[np.ndarray, "H W"]:
@@ -89,18 +91,27 @@ class LabelMaps:
         except UnreadableFrame as error:
             raise UnreadableFrame(f"its annotation '{file}' cannot be used: {error}") from error
 
+    def _ids_in(self, labels: Integer[np.ndarray, "H W"]) -> list[int]:
+        """The instances of a map, without the void of DAVIS; in a map of two values 255 is one."""
+        ids = instance_ids_in(labels)
+        is_void = labels.dtype == np.uint8 and VOID not in self._classes.by_id
+        self._has_instances |= any(i != VOID for i in ids)
+        return [i for i in ids if i != VOID] if is_void and self._has_instances else ids
+
     def _check_some(self) -> None:
         """Looks at a few annotations, so that what all of them lack shows before work starts."""
         files = list(self._file_of.values())
         looked_at = np.unique(np.linspace(0, len(files) - 1, NUM_CHECKED).astype(int))
-        reasons = []
+        reasons, maps = [], []
         for at in looked_at:
             try:
-                labels = self._read(files[at])
+                maps.append(self._read(files[at]))
             except UnreadableFrame as error:
                 reasons.append(str(error))
-                continue
-            self._require_classes(instance_ids_in(labels))
+        for labels in maps:  # together they tell whether 255 is void
+            self._ids_in(labels)
+        for labels in maps:
+            self._require_classes(self._ids_in(labels))
         if len(reasons) == len(looked_at):
             raise SourceError(
                 f"'{self._folder}' holds no instance maps that can be used: "
@@ -116,7 +127,7 @@ class LabelMaps:
         ids: set[int] = set()
         for file in self._file_of.values():
             try:
-                ids.update(instance_ids_in(self._read(file)))
+                ids.update(self._ids_in(self._read(file)))
             except UnreadableFrame:
                 continue
         return ids

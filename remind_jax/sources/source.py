@@ -46,7 +46,8 @@ class Content:
     features: Float[np.ndarray, "Hp Wp D"] | None = None
 
 
-DEFAULT_IMAGE_FPS = 30.0  # of images without times; what is shown of time follows it
+# Of images without times; what is shown of time follows it, and trackers count a tenth of a second.
+DEFAULT_IMAGE_FPS = 10.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -35,7 +35,7 @@ def test_a_decision_of_the_default_is_explained(command, traced):
     outcome = command("explain", traced, "--frame", 3, "--detection", 0)
     assert (outcome.code, outcome.stderr) == (0, "")
     name = Result.load(traced).tracks[3].display_name(0)
-    assert outcome.stdout.startswith(f"frame 3 (0.10 s, 0003.png), detection 0: {name}\nmatch ")
+    assert outcome.stdout.startswith(f"frame 3 (0.30 s, 0003.png), detection 0: {name}\nmatch ")
     assert "1. It is detection 4 of a tracklet" in outcome.stdout
     words = ("explain", traced, "--frame", 3, "--detection", 0, "--json")
     content = json.loads(command(*words).stdout)

@@ -90,6 +90,7 @@ def test_two_memories_become_one(tmp_path, capsys):
     words = ["memory", str(paths[0]), "join", str(paths[1].parent), "-o", str(out)]
     assert main(words) == process.FINE
     said = " ".join(capsys.readouterr().out.split())
+    assert f"{out}: " in said
     assert f"3 objects of {paths[1]} added, 2 of them known" in said
     assert "4 merged into object 1" in said
     assert [path.read_bytes() for path in paths] == before

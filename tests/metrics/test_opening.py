@@ -23,12 +23,19 @@ def _json(spell: Callable[[Any], Any]) -> Writer:
     return lambda root, scenes: made.write_json(root.with_suffix(".json"), spell(scenes))
 
 
+def _scene_folders(root: Path, scenes: dict[str, list[str]]) -> Path:
+    for name, rows in scenes.items():
+        made.write_maps(root / name / "Annotations", {name: rows})
+    return root
+
+
 WRITERS: dict[str, tuple[str, Writer]] = {
     "mot": ("mot", _texts(made.mot_text)),
     "mots": ("mots", _texts(made.mots_text)),
     "kitti-mots": ("kitti-mots", _texts(lambda rows: made.mots_text(rows, 0))),
     "maps": ("davis", made.write_maps),
     "davis": ("davis", made.write_davis),
+    "scene folders": ("davis", _scene_folders),
     "coco masks": ("coco-video", _json(made.coco_video)),
     "coco boxes": ("coco-video", _json(lambda scenes: made.coco_video(scenes, "bboxes"))),
 }

@@ -10,9 +10,10 @@ import pytest
 import remind_jax as rj
 from remind_jax.errors import OutputError, SourceError
 from remind_jax.outputs import overlay, tables
+from remind_jax.outputs.label_edits import LABEL_PAGE_NAME
 from remind_jax.outputs.report import read_sightings
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.writer import FILE_NAMES, RunWriter, render_again
+from remind_jax.outputs.writer import CVAT_NAME, FILE_NAMES, RunWriter, render_again
 from tests.cli import scenes
 from tests.outputs.fake_run import make_info, make_run, write_run
 
@@ -83,10 +84,12 @@ def test_an_unusable_frame_rate_gets_a_neutral_one(tmp_path, made):
 
 def test_overwriting_removes_only_what_a_run_writes(tmp_path, made):
     (tmp_path / "notes.txt").write_text("mine")
-    (tmp_path / "overlay.mp4").write_text("old")
+    old = [tmp_path / name for name in ("overlay.mp4", LABEL_PAGE_NAME, CVAT_NAME)]
+    for file in old:
+        file.write_text("old")
     write_run(tmp_path, *made, overwrite=True, overlay=False)
     assert (tmp_path / "notes.txt").read_text() == "mine"
-    assert not (tmp_path / "overlay.mp4").exists()
+    assert not any(file.exists() for file in old)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")

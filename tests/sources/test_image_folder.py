@@ -129,7 +129,7 @@ def test_unchosen_images_are_not_read(tmp_path):
     source = open_source(tmp_path, sampling=Sampling(stride=2))
     assert [f.source_index for f in source] == [0, 2]
     assert source.num_frames == 2
-    assert source.fps == 15.0
+    assert source.fps == 5.0
     assert source.skipped == []
 
 

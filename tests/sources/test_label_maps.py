@@ -48,3 +48,24 @@ def test_masks_folder_beside_any_images(tmp_path):
             ("cup", "desk_lamp"),
             (),
         ]
+
+
+@pytest.mark.parametrize(("shown", "ids"), [((1, 255), [1]), ((255,), [255])])
+def test_void_is_no_instance_unless_there_is_nothing_else(tmp_path, shown, ids):
+    """Of the second frame 255 is all that is left."""
+    making.write_davis(tmp_path, "v", 2)
+    for number, there in ((0, shown), (1, (255,))):
+        file = tmp_path / f"Annotations/v/{number:05d}.png"
+        file.write_bytes(making.gray_png(making.instance_map(ids=there)))
+    frames = [frame.detections for frame in open_source(tmp_path)]
+    found = [one.instance_ids.tolist() for one in frames if one is not None]
+    assert found == [ids, ids if ids == [255] else []]
+
+
+def test_an_instance_255_that_has_a_class_is_one(tmp_path):
+    making.write_davis(tmp_path, "v", 1, {"id_to_class": {"1": "cup", "255": "box"}})
+    file = tmp_path / "Annotations/v/00000.png"
+    file.write_bytes(making.gray_png(making.instance_map(ids=(1, 255))))
+    (detections,) = (frame.detections for frame in open_source(tmp_path))
+    assert detections is not None
+    assert detections.labels == ("cup", "box")
