@@ -138,21 +138,22 @@ show(tile([draw_overlay(tour.frames[i].image, result.tracks[i]) for i in SHOWN])
 #
 # Every detection of this tour got an identity at once, but not all are equally certain. `confidence`
 # is the probability that the identity is the right one; over many answers it is about the share that
-# is right. The least certain one:
+# is right. The answers of a run wait 20 frames (`delay`); at once, as live, they are less certain. The
+# least certain one:
 
 # %%
+at_once = rj.run(tour.frames, image_fps=options.fps, delay=0)
 answers = [
     (float(tracks.confidence[row]), tracks.frame_index, row)
-    for tracks in result.tracks
+    for tracks in at_once.tracks
     for row in range(len(tracks))
 ]
 confidence, frame, row = min(answers)
-tracks = result.tracks[frame]
+tracks = at_once.tracks[frame]
 known = tracks.candidate_id[row] >= 0
 names = [f"{tracks.labels[row]} {i}" for i in tracks.candidate_id[row][known]]
 chances = tracks.candidate_score[row][known]
-if tracks.outcome[row] == rj.Outcome.NEW:
-    names, chances = [*names, "a new object"], [*chances, 1 - sum(chances)]
+names, chances = [*names, "a new object"], [*chances, 1 - sum(chances)]
 
 figure, bars = plt.subplots(figsize=(6, 1.8))
 bars.barh(names, chances, color="#0072B2")
@@ -164,9 +165,9 @@ print(f"frame {frame}: {tracks.display_name(row)}, confidence {confidence:.2f}")
 show(draw_overlay(tour.frames[frame].image, tracks))
 
 # %% [markdown]
-# The camera comes back, it is dark, and a box comes into view at the border. There are two boxes that
-# look the same, and it could be either of them, or a third one that was never in view. The answer was
-# *new*, which is wrong.
+# The camera comes back, it is dark, and a box comes into view. There are two boxes that look the same: it
+# could be either of them, or a third one that was never in view. *box 2* is right; two frames later it was
+# decided as new, which is wrong.
 #
 # Where no answer is more likely than not, none is given: the detection is undecided and names
 # its candidates. When the evidence suffices, it becomes one of them.
@@ -179,8 +180,8 @@ show(draw_overlay(tour.frames[frame].image, tracks))
 # | `provisional_new` | probably new, a known one cannot be excluded | `mug new?` |
 #
 # The paper's tracker (`config="remind"`) is undecided far more often: notebook 02 shows one such
-# decision. What to do about an undecided detection depends on your program: a map may wait (`delay=15`
-# reports every answer 15 frames later, from everything known by then), a gripper may look again from
+# decision. What to do about an undecided detection depends on your program: a map may wait (a recorded
+# run waits 20 frames; `delay=` sets how many), a gripper may look again from
 # another viewpoint.
 
 # %%
@@ -224,8 +225,9 @@ lines = [f"| {name} | {scores[name]:.3f} | {text} |" for name, text in meaning.i
 Markdown("\n".join(["| score | value | meaning |", "| --- | ---: | --- |", *lines]))
 
 # %% [markdown]
-# Two objects that came back, one of the boxes and one of the mugs, got a second identity. The
-# confidence of both was low until they were decided.
+# Both boxes got a second identity when they came back, with a confidence of 0.91: what was decided as new
+# stays so. Recovery is 1 all the same, since the right identity of an object is the one that it has in
+# most frames.
 
 # %%
 right_id = {}  # the identity that an object had first

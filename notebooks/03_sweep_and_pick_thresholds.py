@@ -230,8 +230,8 @@ print(
 # %% [markdown]
 # The gray bars are what tuning on the test scene would claim; the blue ones are what to expect. Where
 # the interval of the gain contains zero, the data do not show that tuning helps, and the default is
-# the better choice. Here it begins just above zero, but over three short tours of one renderer, which are
-# too few for tuning. To tune on your own data take ten scenes or more from your rooms and your camera,
+# the better choice. Here it contains zero. Three short tours of one renderer are too few
+# for tuning. To tune on your own data take ten scenes or more from your rooms and your camera,
 # keep some of them aside, and vary few thresholds.
 #
 # ## On the command line

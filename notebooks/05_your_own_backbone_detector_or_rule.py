@@ -119,8 +119,8 @@ plt.show()
 
 # %% [markdown]
 # `rj.run` takes a backbone by name or as an object. A network needs no code:
-# `backbone="onnx:encoder.onnx"`. Features of another program can be given as a
-# [file](../docs/file_formats.md). Here with the baseline tracker `bank`, which keeps several prototypes of
+# `backbone="onnx:encoder.onnx"`. Features of another program are given frame by
+# frame: `rj.Frame(..., features=array)`. Here with the baseline tracker `bank`, which keeps several prototypes of
 # each object:
 
 # %%

@@ -24,14 +24,14 @@ from remind_jax.files.limits import MAX_LABEL, MAX_PIXELS, MAX_SIDE_PX
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 NO_INSTANCE = -1
-UNTIMED_FPS = 10.0  # of frames that nobody gives a time
+UNTIMED_FPS = 10.0  # of frames that nobody gives a time, as trackers count them
 
 
 @dataclasses.dataclass(frozen=True)
 class Detections:
     """Instances seen in one frame, in detector order.
 
-    `labels` are class names; a tracker compares a detection only with objects of its class.
+    `labels` are class names: evidence for the default; other trackers compare within a class only.
     `instance_ids` are ground truth (or -1) and never reach the tracker.
     """
 
@@ -123,7 +123,7 @@ class Frame:
     none; an empty `Detections` means that the source says that there is nothing.
     """
 
-    index: int  # 0, 1, 2, ... over processed frames; the tracker's clock
+    index: int  # 0, 1, 2, ... over processed frames
     source_index: int  # number in the source, before sampling
     time_s: float  # presentation time from the start of the source
     name: str  # file name or frame number as text, for messages and outputs

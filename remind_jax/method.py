@@ -385,15 +385,19 @@ def register_method(method: Method) -> None:
     if not isinstance(method, Method) or not isinstance(method.name, str) or not method.name:
         raise ConfigError("only a Method that has a name can be registered")
     taken = _methods.get(method.name, method)
-    if method.name in _CONFIGURED or isinstance(taken, str) or _origin(taken) != _origin(method):
+    is_another = method.name in find_methods() or _origin(taken) != _origin(method)
+    if method.name in _CONFIGURED or (taken is not method and is_another):
         raise ConfigError(f"a tracker {method.name!r} is registered already; choose another name")
     _methods[method.name] = method
 
 
-def _origin(method: Method) -> tuple[str, str]:
+def _origin(method: Any) -> tuple[str, str]:
     """Where what it decides by is defined."""
     decide = method.decide
-    return getattr(decide, "__module__", ""), getattr(decide, "__qualname__", repr(decide))
+    while hasattr(decide, "func"):  # partial
+        decide = decide.func
+    decide = decide if hasattr(decide, "__qualname__") else type(decide)
+    return decide.__module__, decide.__qualname__
 
 
 def list_methods() -> list[str]:

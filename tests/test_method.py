@@ -164,8 +164,10 @@ def test_an_empty_memory_that_no_file_could_hold_is_refused(counter, shift, said
     def start(static):
         return dataclasses.replace(empty(static), shift=shift)
 
-    with pytest.raises(ConfigError, match=rf"leaf 'shift'.*counter.*{said}"):
-        register_like(counter, init=start).update(picture(50), two_masks())
+    tracker = register_like(counter, init=start)
+    for _ in range(2):
+        with pytest.raises(ConfigError, match=rf"leaf 'shift'.*counter.*{said}"):
+            tracker.update(picture(50), two_masks())
 
 
 def test_where_own_code_fails_the_memory_before_stays(counter):
@@ -191,12 +193,27 @@ def test_where_own_code_fails_the_memory_before_stays(counter):
     assert tracker.update(picture(50), two_masks()).object_id.tolist() == [2, 3]
 
 
+def test_a_frame_that_cannot_be_read_back_leaves_the_memory_before(counter, monkeypatch):
+    tracker = live.Tracker(tracker="counter")
+    tracker.update(picture(50), two_masks())
+
+    def fail(tree):
+        raise jax.errors.JaxRuntimeError("lost")
+
+    with monkeypatch.context() as lost:
+        lost.setattr(jax, "device_get", fail)
+        with pytest.raises(jax.errors.JaxRuntimeError, match="lost"):
+            tracker.update(picture(50), two_masks())
+    assert tracker.update(picture(50), two_masks()).object_id.tolist() == [2, 3]
+
+
 def test_wrong_names_are_refused(counter):
     with pytest.raises(ConfigError, match=r"no tracker 'remnd'.*'remind'"):
         get_method("remnd")
     for taken in (
         dataclasses.replace(counter, decide=get_method("iou").decide),
         dataclasses.replace(counter, name="default"),
+        dataclasses.replace(get_method("iou"), describe=empty),
     ):
         with pytest.raises(ConfigError, match="registered already"):
             register_method(taken)

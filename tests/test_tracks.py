@@ -18,6 +18,7 @@ def rated(**row):
 def test_what_was_left_out_has_no_numbers(outcome):
     tracks = rated(outcome=outcome)
     assert tracks.shown_score(0) is tracks.shown_confidence(0) is None
+    assert (tracks.display_name(0) == tracks.labels[0]) == (outcome == Outcome.DROPPED)
 
 
 def test_new_objects_have_numbers_where_the_tracker_rates_them():

@@ -33,7 +33,7 @@ class Eval:
     Numbers equal TrackEval's. Recovery: returns that got their identity back.
 
     Truth and predictions may be:
-      MOTChallenge or MOTS text; COCO-video / YouTube-VIS JSON;
+      MOTChallenge or MOTS text; COCO-video / YouTube-VIS JSON; CVAT XML;
       a folder of instance maps (DAVIS); an output folder of 'remind run';
       a folder with many scenes of these.
 

@@ -47,7 +47,7 @@ class Layout:
     sequence: str | None = None  # which one, where a DAVIS folder holds several
     unlabelled: Literal["error", "skip"] = "error"  # instances without class
     image_fps: float | None = None
-    """Images per second where there are no times; left out, times only number the images."""
+    """Images per second where there are no times; left out, an image is a tenth of a second."""
     allow_size_change: bool = False  # go on when the frame size changes, else skip such frames
 
 

@@ -168,11 +168,14 @@ class FrameStep:
                 (*memory_shapes, *shapes_of(given_leaves)),
                 (identify(self._method.decide), self._is_traced, static, given_structure),
                 # Where own code fails, the memory before stays.
-                num_donated=len(memory_shapes) if is_of_this_package(self._method.decide) else 0,
+                num_donated=len(memory_shapes) if self._is_ours() else 0,
                 # The structure of a trace is not kept.
                 is_kept=self._is_kept(self._method.decide, static) and not self._is_traced,
             )
         )
+
+    def _is_ours(self) -> bool:
+        return all(map(is_of_this_package, (self._method.describe, self._method.decide)))
 
     def _is_kept(self, function: Callable[..., Any], static: Static) -> bool:
         """A program that calls the host holds pointers into this process."""

@@ -35,11 +35,11 @@ def find_map_scenes(path: Path) -> dict[str, Path]:
         return {path.name: root}
     found: list[tuple[str, Path]] = []
     for outer in _folders_in(root):
-        if (outer / "Annotations").is_dir():
-            found += find_map_scenes(outer).items()
-        else:
-            inner = [outer] if list_maps(outer) else _folders_in(outer)
-            found += [(folder.name, folder) for folder in inner if list_maps(folder)]
+        inner = [outer] if list_maps(outer) else _folders_in(outer)
+        scenes = [(folder.name, folder) for folder in inner if list_maps(folder)]
+        if outer / "Annotations" in inner:
+            scenes = [*find_map_scenes(outer).items()] or scenes
+        found += scenes
     if len(dict(found)) == len(found):
         return dict(found)
     return {folder.relative_to(root).as_posix(): folder for _, folder in found}
@@ -50,8 +50,13 @@ def list_maps(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix.lower() == ".png")
 
 
-def read_instance_maps(folder: Path, name: str, *, is_truth: bool) -> TrackRows:
+def read_instance_maps(
+    folder: Path, name: str, *, is_truth: bool, void: int | None = VOID
+) -> TrackRows:
     """Reads one scene of DAVIS; the order of files by name is that of the frames.
+
+    Args:
+      void: What is void in truth of 8 bits, unless no map holds anything else.
 
     Raises:
       SourceError: If there is no map, or one cannot be read.
@@ -74,12 +79,14 @@ def read_instance_maps(folder: Path, name: str, *, is_truth: bool) -> TrackRows:
                 f"{size[1]}x{size[0]}; all must be of one size"
             )
         for number, rle in encode_label_map(labels).items():
-            if is_truth and labels.dtype == np.uint8 and number == VOID:
+            if is_truth and labels.dtype == np.uint8 and number == void:
                 ignored_frame.append(place)
                 ignored_rles.append(rle)
             else:
                 found.append((place, number))
                 rles.append(rle)
+    if ignored_rles and not found:
+        return read_instance_maps(folder, name, is_truth=is_truth, void=None)
     frame, track_id = np.array(found, np.int64).reshape(-1, 2).T
     return TrackRows(
         name=name,

@@ -303,7 +303,8 @@ def mots_lines(tracks: Sequence[Tracks]) -> list[str]:
             if rle is None:
                 continue
             one = int(frame.object_id[row])
-            class_id = _MOTS_CAR if label_of[one] == MOTS_CLASSES[_MOTS_CAR] else DEFAULT_MOTS_CLASS
+            is_car = label_of[one].strip().casefold() == MOTS_CLASSES[_MOTS_CAR]
+            class_id = _MOTS_CAR if is_car else DEFAULT_MOTS_CLASS
             lines.append(
                 f"{frame.source_index + 1} {one + 1} {class_id} "
                 f"{height} {width} {rle['counts'].decode('ascii')}"

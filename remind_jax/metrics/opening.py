@@ -33,6 +33,7 @@ from remind_jax.formats.coco_tracks import (
 from remind_jax.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat
 from remind_jax.formats.instance_maps import find_map_scenes, read_instance_maps
 from remind_jax.formats.mot import FileFormat, read_text_rows, recognize_format
+from remind_jax.formats.pictures import VOID
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
 from remind_jax.metrics.run_folder import holds_run, read_run_rows
 from remind_jax.sources.class_names import UNNAMED, ClassNames, find_metadata
@@ -158,8 +159,9 @@ def _find_texts(path: Path) -> dict[str, Path]:
 
 def _read_maps(name: str, folder: Path, is_truth: bool) -> TrackRows:
     """Instance maps; an instance of class null is left out of truth, as it is of a run."""
-    rows = read_instance_maps(folder, name, is_truth=is_truth)
     classes = find_classes(folder, name) if is_truth else None
+    void = None if classes is not None and VOID in classes.by_id else VOID
+    rows = read_instance_maps(folder, name, is_truth=is_truth, void=void)
     if classes is None:
         return rows
     ids = np.unique(rows.track_id).tolist()

@@ -67,8 +67,9 @@ def collect_answers(sequence: TrackingSequence) -> Answers:
 def find_reference(answers: Answers) -> Int[np.ndarray, "objects"]:
     """The label that counts as right for each object, NO_LABEL if there is none.
 
-    Each label is assigned to at most one object, per class, by common frames, then overlap (the
-    original's evaluator; a tracker gains nothing by calling everything alike).
+    Each label is assigned to at most one object, by common frames, then overlap, per class where
+    answers have classes, as in the paper's protocol (the original's evaluator; a tracker gains
+    nothing by calling everything alike).
     """
     objects, index = number_ids(answers.gt_id)
     said = np.flatnonzero(answers.label != NO_LABEL)

@@ -17,7 +17,7 @@ from remind_jax import files
 from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TRACE_NAME
 from remind_jax.files import writing
-from remind_jax.frame import Frame
+from remind_jax.frame import UNTIMED_FPS, Frame
 from remind_jax.outputs import gallery, overlay, report, store, tables
 from remind_jax.outputs.label_edits import LABEL_PAGE_NAME
 from remind_jax.outputs.overlay import OVERLAY_NAME
@@ -83,8 +83,6 @@ FILE_NAMES = (
 CVAT_NAME = "cvat.xml"  # of `remind export`
 MEMORY_NAME = "memory.safetensors"  # written by the tracker
 CHECKPOINT_NAME = "checkpoint"  # folder of what is needed to go on, until the run is complete
-# Image folders have no clock of their own.
-_DEFAULT_FPS = 10.0
 
 
 class ViewerRecord(Protocol):
@@ -348,4 +346,4 @@ def _prepare_folder(folder: Path, overwrite: bool, resume: bool) -> None:
 
 
 def _usable_fps(fps: float) -> float:
-    return float(fps) if np.isfinite(fps) and fps > 0 else _DEFAULT_FPS
+    return float(fps) if np.isfinite(fps) and fps > 0 else UNTIMED_FPS

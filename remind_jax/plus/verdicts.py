@@ -23,7 +23,7 @@ class Stage(enum.IntEnum):
 
     NONE = 0  # no detection
     OPEN = 1  # not decided yet
-    SETTLED = 3
+    SETTLED = 2  # decided before
 
 
 @jax.tree_util.register_dataclass

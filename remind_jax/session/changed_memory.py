@@ -91,6 +91,7 @@ def join_memories(
         state=jax.tree.map(jax.numpy.asarray, state),
         class_names=class_names,
         announced=None if announced.is_identity else announced,
+        fingerprint=memory.fingerprint or other.fingerprint,
     )
     return changed, JoinedObjects(number_of, matched, ambiguous)
 

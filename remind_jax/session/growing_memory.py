@@ -152,9 +152,10 @@ class GrowingMemory:
         before = self.static
         self.grow(**needed)
         if self.state is None:
-            self.state = self._method.init(self.static)
+            first = self._method.init(self.static)
             if not is_of_this_package(self._method.init):
-                check_first(self.state, self._method)
+                check_first(first, self._method)
+            self.state = first
         make_input = functools.partial(self._input, frame_feats, prepared, thresholds)
         outlines: Outlines | None = None
         while True:

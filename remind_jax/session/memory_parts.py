@@ -35,7 +35,8 @@ def read_parts(path: Path) -> list[SafetensorsPart]:
     schema = first.get("schema")
     if schema not in (*EARLIER_VERSIONS, str(SCHEMA_VERSION)):
         raise OutputError(
-            f"'{path}' has memory schema {schema!r}; this version reads schema {SCHEMA_VERSION}"
+            f"'{path}' has memory schema {schema!r}; this version reads schemas "
+            f"{', '.join(EARLIER_VERSIONS)} and {SCHEMA_VERSION}"
         )
     # Blocks that were not on the disk yet when the power went are found by the checksum alone.
     if is_whole and len(parts) > 1 and not _is_sound(parts[-1]):

@@ -14,9 +14,9 @@ from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.files.host_array import host_array
 from remind_jax.formats.pictures import decode_image
-from remind_jax.frame import Detections, Frame
+from remind_jax.frame import UNTIMED_FPS, Detections, Frame
 from remind_jax.sources.detections import ClassNaming, detections_from
-from remind_jax.sources.source import DEFAULT_IMAGE_FPS, Content, Entry, Report, UnreadableFrame
+from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
 
 
 class ItemReader:
@@ -41,7 +41,7 @@ class ItemReader:
         class_names: ClassNaming | None = None,
     ) -> None:
         self.name = name
-        shown_fps = fps or DEFAULT_IMAGE_FPS
+        shown_fps = fps or UNTIMED_FPS
         self.fps: float | None = shown_fps
         self._interval_s = 1 / shown_fps
         self.num_entries: int | None = _length(items)

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from remind_jax.errors import SourceError
 from remind_jax.formats.pictures import IMAGE_SUFFIXES, TIMES_NAME, decode_image
-from remind_jax.frame import SkippedFrame
+from remind_jax.frame import UNTIMED_FPS, SkippedFrame
 from remind_jax.sources.file_tree import files_in, read_of_frame, require_inside
 from remind_jax.sources.sampling import MAX_TIME_S, mean_rate
-from remind_jax.sources.source import DEFAULT_IMAGE_FPS, Content, Entry, Report
+from remind_jax.sources.source import Content, Entry, Report
 
 # Pictures as well, which are not read.
 OTHER_SUFFIXES = (
@@ -54,7 +54,7 @@ class ImageReader:
         if not file_names:
             raise SourceError(f"'{folder}' holds no images ({', '.join(IMAGE_SUFFIXES)})")
         self.name = name
-        shown_fps = fps or DEFAULT_IMAGE_FPS
+        shown_fps = fps or UNTIMED_FPS
         known_s = _read_times(folder / TIMES_NAME, len(file_names))
         self._is_timed = known_s is not None or fps is not None
         self._times_s = known_s or [index / shown_fps for index in range(len(file_names))]

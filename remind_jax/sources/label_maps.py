@@ -5,6 +5,7 @@ An annotation belongs to the frame of its stem, else of its number, else of its 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
@@ -71,7 +72,7 @@ class LabelMaps:
                 f"frames of '{reader.name}' have no annotation and count as frames without "
                 "detections"
             )
-        self._has_instances = False
+        self._has_void = self._find_void()
         self._check_some()
 
     def detections_of(self, entry: Entry, frame_size: tuple[int, int]) -> Detections:
@@ -79,10 +80,9 @@ class LabelMaps:
         file = self._file_of.get(entry.source_index)
         if file is None:
             return Detections.empty(*frame_size)
-        labels = self._read(file)
+        labels = fit_plane(self._read(file), frame_size, f"annotation '{file}'")
         ids = self._ids_in(labels)
         self._require_classes(ids)
-        labels = fit_plane(labels, frame_size, f"annotation '{file}'")
         return detections_in(labels, self._classes, ids)
 
     def _read(self, file: str) -> Integer[np.ndarray, "H W"]:
@@ -92,25 +92,31 @@ class LabelMaps:
             raise UnreadableFrame(f"its annotation '{file}' cannot be used: {error}") from error
 
     def _ids_in(self, labels: Integer[np.ndarray, "H W"]) -> list[int]:
-        """The instances of a map, without the void of DAVIS; in a map of two values 255 is one."""
-        ids = instance_ids_in(labels)
-        is_void = labels.dtype == np.uint8 and VOID not in self._classes.by_id
-        self._has_instances |= any(i != VOID for i in ids)
-        return [i for i in ids if i != VOID] if is_void and self._has_instances else ids
+        """The instances of a map, without the void of DAVIS."""
+        void = VOID if self._has_void and labels.dtype == np.uint8 else None
+        return [i for i in instance_ids_in(labels) if i != void]
+
+    def _find_void(self) -> bool:
+        """Whether 255 is void: not if classes name it, nor if no map holds anything else."""
+        if VOID in self._classes.by_id:
+            return False
+        for file in self._file_of.values():
+            with contextlib.suppress(UnreadableFrame):
+                if any(i != VOID for i in instance_ids_in(self._read(file))):
+                    return True
+        return False
 
     def _check_some(self) -> None:
         """Looks at a few annotations, so that what all of them lack shows before work starts."""
         files = list(self._file_of.values())
         looked_at = np.unique(np.linspace(0, len(files) - 1, NUM_CHECKED).astype(int))
-        reasons, maps = [], []
+        reasons = []
         for at in looked_at:
             try:
-                maps.append(self._read(files[at]))
+                labels = self._read(files[at])
             except UnreadableFrame as error:
                 reasons.append(str(error))
-        for labels in maps:  # together they tell whether 255 is void
-            self._ids_in(labels)
-        for labels in maps:
+                continue
             self._require_classes(self._ids_in(labels))
         if len(reasons) == len(looked_at):
             raise SourceError(

@@ -88,8 +88,8 @@ def open_source(
       sequence: Which one, where a DAVIS folder holds several.
       unlabelled: Whether annotated instances without class are an `"error"`, or `"skip"` leaves
         them out as the original tracker does.
-      image_fps: Images per second where there are no time stamps; left out, it is not known: times
-        are told as at 30, and no tracker reads them.
+      image_fps: Images per second where there are no time stamps; left out, it is not known: an
+        image is a tenth of a second.
       allow_size_change: Yield frames whose size differs from the first; else they are skipped.
       class_names: Names of class ids (or instance ids of instance maps) of detections in memory.
       name: Name of the sequence; that of the file or folder if left out.

@@ -46,10 +46,6 @@ class Content:
     features: Float[np.ndarray, "Hp Wp D"] | None = None
 
 
-# Of images without times; what is shown of time follows it, and trackers count a tenth of a second.
-DEFAULT_IMAGE_FPS = 10.0
-
-
 @dataclasses.dataclass(frozen=True)
 class Entry:
     """One frame of a storage, not yet decoded: skipping it costs nothing."""

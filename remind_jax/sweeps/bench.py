@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -285,11 +284,17 @@ def code_of(method: Method) -> str:
     )
 
 
-def _text_around(function: Callable[..., Any]) -> str:
-    with contextlib.suppress(AttributeError, OSError):
-        return Path(function.__code__.co_filename).read_text()
-    # Of a notebook or a prompt nobody can tell what it was: its rows are made anew.
-    return uuid.uuid4().hex
+def _text_around(function: Any) -> str:
+    """The files that a function, and whatever it wraps, was compiled from."""
+    texts = []
+    while function is not None:
+        if (code := getattr(function, "__code__", None)) is not None:
+            try:
+                texts.append(Path(code.co_filename).read_text())
+            except OSError:  # of a notebook or a prompt nobody can tell what it was
+                return uuid.uuid4().hex
+        function = getattr(function, "__wrapped__", getattr(function, "func", None))
+    return "".join(texts) or uuid.uuid4().hex
 
 
 class _Tally:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import NO_ID, Outcome
+from remind_jax.errors import SourceError
 from remind_jax.formats.cvat import to_cvat
 from remind_jax.formats.mot import mot_lines
 from remind_jax.masks.run_length import encode_masks
@@ -127,3 +128,18 @@ def test_the_paper_protocol_leaves_classes_out(tmp_path: Path, truth: Path):
     prediction = made.write_maps(tmp_path / "prediction", {"rooms": LINES})
     (generic,) = evaluate_paper(truth, prediction)
     assert generic.scores()["GT_Dets"] == 4
+
+
+def test_a_part_of_a_run_is_no_answer(tmp_path: Path, truth: Path):
+    folder = save(tmp_path / "run", make_run())
+    with pytest.raises(SourceError, match=r"part of a run; give the folder '.*run'"):
+        evaluate(truth, folder / DETECTIONS_NAME)
+
+
+def test_a_folder_of_cvat_files_is_many_scenes(tmp_path: Path):
+    run = make_run()
+    for name in ("one", "two"):
+        file = tmp_path / "cvat" / f"{name}.xml"
+        file.parent.mkdir(exist_ok=True)
+        file.write_bytes(to_cvat(run, name, [*CLASSES.values()], run[0].frame_size))
+    assert evaluate(tmp_path / "cvat", tmp_path / "cvat").scores()["Scenes"] == 2

@@ -1,6 +1,8 @@
+import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
+from remind_jax.metrics.opening import open_scenes
 from remind_jax.sources import open_source
 from remind_jax.sources.label_maps import match_annotations
 from tests.sources import making
@@ -50,16 +52,28 @@ def test_masks_folder_beside_any_images(tmp_path):
         ]
 
 
-@pytest.mark.parametrize(("shown", "ids"), [((1, 255), [1]), ((255,), [255])])
-def test_void_is_no_instance_unless_there_is_nothing_else(tmp_path, shown, ids):
-    """Of the second frame 255 is all that is left."""
-    making.write_davis(tmp_path, "v", 2)
-    for number, there in ((0, shown), (1, (255,))):
+@pytest.mark.parametrize("shown", [(1, 255), (255,)])
+def test_void_is_no_instance_unless_there_is_nothing_else(tmp_path, shown):
+    """In the first frames 255 is all that there is."""
+    making.write_davis(tmp_path, "v", 4)
+    for number, there in enumerate(((255,), (255,), shown, (255,))):
         file = tmp_path / f"Annotations/v/{number:05d}.png"
         file.write_bytes(making.gray_png(making.instance_map(ids=there)))
     frames = [frame.detections for frame in open_source(tmp_path)]
     found = [one.instance_ids.tolist() for one in frames if one is not None]
-    assert found == [ids, ids if ids == [255] else []]
+    assert found == ([[255]] * 4 if shown == (255,) else [[], [], [1], []])
+    ((_, read),) = open_scenes(tmp_path).read.items()
+    assert read().track_id.tolist() == [i for ids in found for i in ids]
+
+
+def test_what_is_lost_at_the_size_of_the_frame_is_no_instance(tmp_path):
+    making.write_davis(tmp_path, "v", 1)
+    labels = np.kron(making.instance_map(ids=(1,)), np.ones((4, 4), np.uint8))
+    labels[-3, -3] = 2
+    (tmp_path / "Annotations/v/00000.png").write_bytes(making.gray_png(labels))
+    (detections,) = (frame.detections for frame in open_source(tmp_path))
+    assert detections is not None
+    assert detections.instance_ids.tolist() == [1]
 
 
 def test_an_instance_255_that_has_a_class_is_one(tmp_path):
@@ -69,3 +83,5 @@ def test_an_instance_255_that_has_a_class_is_one(tmp_path):
     (detections,) = (frame.detections for frame in open_source(tmp_path))
     assert detections is not None
     assert detections.labels == ("cup", "box")
+    ((_, read),) = open_scenes(tmp_path).read.items()
+    assert read().track_id.tolist() == [1, 255]

@@ -1,8 +1,10 @@
 """Every row of a sweep is the single run with that setting; nothing is done twice."""
 
 import dataclasses
+import functools
 import math
 
+import jax
 import numpy as np
 import pytest
 
@@ -137,6 +139,10 @@ def test_rows_depend_on_every_function_of_an_own_method(tmp_path):
         for place in ("init", "describe", "decide"):
             method = dataclasses.replace(package, **{place: own["f"]})
             code.setdefault(place, []).append(code_of(method))
+        wrapped = dataclasses.replace(package, decide=jax.named_scope("mine")(own["f"]))
+        code.setdefault("wrapped", []).append(code_of(wrapped))
+        kept = dataclasses.replace(package, decide=functools.partial(own["f"]))
+        assert code_of(kept) == code_of(kept)
     assert all(before != after for before, after in code.values())
     assert code_of(package) == ""
     exec("def f(): return 1", typed := {})

@@ -90,8 +90,8 @@ def _explain_new(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     off = e.new_log_odds - d.new + handicap
     why = ""
     if abs(off) >= _NOTABLE:
-        recent = "new" if off > 0 else "known"
-        why = f"; {change(off)} of it because most of what came last, or is in view, is {recent!r}"
+        why = f"; {change(off)} of it because of what came last, or is in view"
+        why += " or cut off by the border" if off < 0 else ""
     if handicap >= _NOTABLE:
         why += f"; {change(-handicap)} because it is not decided yet"
     yield f"a new object has log odds {change(e.new_log_odds)}{why}"
