@@ -26,6 +26,7 @@ OUR_OWN = {
     "remind_jax/live_page/server.py": "the page that it serves",
     "remind_jax/outputs/overlay.py": "whether its own video can be played",
     "remind_jax/session/growing_memory.py": "the memory of the system, in /proc",
+    "remind_jax/sweeps/bench.py": "the source of a tracker that runs already, for a digest",
 }
 
 

@@ -132,7 +132,7 @@ OTHER_CAPACITY = dataclasses.asdict(change_static(STATIC, num_objects=9))
     [
         ("format", "other", "not a memory file"),
         ("format", None, "not a memory file"),
-        ("schema", "999", f"'999'; this version reads schema {SCHEMA_VERSION}"),
+        ("schema", "999", f"'999'; this version reads schemas 7, 8 and {SCHEMA_VERSION}"),
         ("static", None, "its header lacks 'static'"),
         ("static", "{", "header, 'static'"),
         ("static", '{"num_objectz": 3}', "'static' has no 'num_objectz'"),
