@@ -160,10 +160,11 @@ def _describe(
         "static": json.dumps(dataclasses.asdict(memory.static)),
         "class_names": json.dumps(memory.class_names),
         "backbone": memory.backbone,
-        "fingerprint": memory.fingerprint,
         "tracker": memory.tracker,
         "records": msgspec.json.encode(records).decode(),
     }
+    if memory.fingerprint:
+        header["fingerprint"] = memory.fingerprint
     if before is not None:
         header["after"] = before.sha256
     if memory.announced is not None:

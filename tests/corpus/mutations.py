@@ -183,7 +183,7 @@ def _change_safetensors(path: Path, rng: random.Random) -> Change:
     else:
         section = header["__metadata__"] if rng.random() < 0.5 else header
         key = rng.choice(list(section))
-        if isinstance(section[key], str) and section[key][:1] in "{[":
+        if isinstance(section[key], str) and section[key].startswith(("{", "[")):
             content, change = change_tree(json.loads(section[key]), rng)
             section[key] = json.dumps(content)
         else:

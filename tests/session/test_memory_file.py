@@ -187,12 +187,14 @@ def test_announcements_that_no_run_leaves_are_refused(path, memory):
             load_memory(path)
 
 
-def test_features_of_another_backbone_are_refused(memory):
+def test_features_of_another_backbone_are_refused(memory, path):
     for known, now in (("", ""), ("a", ""), ("", "a"), ("a", "a")):
         made = dataclasses.replace(memory, fingerprint=known)
         check_backbone(made, "patch-statistics", now, "file")
     with pytest.raises(RemindError, match="cannot be compared"):
         check_backbone(memory, "dinov3", "", "file")
+    save_memory(path, made)
+    assert load_memory(path).fingerprint == "a"
     with pytest.raises(RemindError, match="other weights or options"):
         check_backbone(made, "patch-statistics", "b", "file")
 
