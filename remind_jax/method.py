@@ -96,10 +96,19 @@ class AtRest(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
+class Joining:
+    """One of two memories that become one."""
+
+    state: Any
+    at_rest: AtRest
+    merged_into: Mapping[int, int]  # its objects that were declared to be another one, and which
+
+
+@dataclasses.dataclass(frozen=True)
 class Joined:
     """What became of the objects of another memory."""
 
-    ids: Mapping[int, int]  # of each object there: its id here
+    ids: Mapping[int, int]  # of each object that came: its id here
     matched: tuple[tuple[int, int], ...]  # objects here, and the ids here of those that they are
     # Ids here of objects that may be known as well, and the objects that they may be, best first.
     ambiguous: Mapping[int, tuple[int, ...]]
@@ -152,9 +161,9 @@ class Host:
     # `at_rest()` makes what keeps on the host, empty at first, objects that a step has no room for:
     # Left out, capacities for objects double.
     at_rest: Callable[[], AtRest] | None = None
-    # `join(state, at_rest, other, other_at_rest, class_ids, thresholds) -> (state, Joined)` adds
-    # the objects of another memory, of which `class_ids` says what its classes are here, to those
-    # at rest, and says which of them are known. Left out, it cannot.
+    # `join(this, that, class_ids, thresholds) -> (state, Joined)` of two `Joining` adds the objects
+    # of that, of which `class_ids` says what its classes are here, to those at rest here, and says
+    # which of them are known. Left out, it cannot.
     join: Callable[..., tuple[Any, Joined]] | None = None
     # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
     # capacities that take too much are refused. Left out, all are tried.

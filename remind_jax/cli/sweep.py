@@ -71,7 +71,7 @@ class Sweep:
     number: int | None = None
     at_once: int = 16  # settings that a search proposes together
     objectives: tuple[str, ...] = ("IDF1",)  # what a search makes best
-    metric: str = "IDF1"  # what is best
+    metric: str | None = None  # what is best; the first of the objectives if left out
     seed: int = 0  # of everything random
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # what a setting does not name
     tracker: TrackerName = None
@@ -118,6 +118,15 @@ class Sweep:
             print_lines(["", f"All {len(result.settings)} settings: {out / TABLE_FILE}"])
         return process.FINE if result.complete else process.INTERRUPTED
 
+    @property
+    def _best_by(self) -> str:
+        return self.metric or self.objectives[0]
+
+    @property
+    def _traded(self) -> tuple[str, ...]:
+        """Two scores that are laid against each other."""
+        return self.objectives if len(self.objectives) == 2 else ("IDF1", "Ambiguous")
+
     def _plan(self) -> Any:
         """What is to be done with the bench, checked before any work."""
         if not self.sources:
@@ -139,7 +148,7 @@ class Sweep:
             value = getattr(self, name)
             if value is not None:
                 check_option(name, value, least, most, whole=name != "memory_gib")
-        for name in (self.metric, *self.objectives):
+        for name in (self._best_by, *self.objectives):
             sign_of(name)
         if self.number is not None and not (self.search or self.sensitivity):
             raise SweepError("--number is for --search and --sensitivity; give one, or --random N")
@@ -205,7 +214,7 @@ class Sweep:
         result = bench.run([GIVEN, *settings])
         if len(bench.scenes) < 2 or not result.complete:
             return result, []
-        table = cross_validate(result, self.metric).to_markdown()
+        table = cross_validate(result, self._best_by).to_markdown()
         return result, [f"## Chosen on the other scenes\n\n{table}"]
 
     def _search(self, bench: SceneBench, space: dict[str, list[Value]]) -> SweepResult:
@@ -228,21 +237,21 @@ class Sweep:
         from remind_jax.sweeps.sensitivity import curves_to_markdown, move_one_at_a_time
 
         curves, result = move_one_at_a_time(
-            bench, space or None, number=self.number or 7, metric=self.metric
+            bench, space or None, number=self.number or 7, metric=self._best_by
         )
         return result, [f"## One threshold at a time\n\n{curves_to_markdown(curves)}"]
 
     def _describe(self, result: SweepResult) -> str:
-        best = result.best(self.metric, self.top)
+        best = result.best(self._best_by, self.top)
         scenes = ", ".join(result.scenes)
         parts = [
             f"# {len(result.settings)} settings on {len(result.scenes)} scenes",
             f"Scenes: {scenes}. Means over scenes. Settings were chosen by the same scenes that "
             "they are reported on here.",
-            f"## Best {self.metric}\n\n{result.to_markdown(best)}",
+            f"## Best {self._best_by}\n\n{result.to_markdown(best)}",
             f"## As it stands\n\n{result.to_markdown(_given(result))}",
-            "## IDF1 against the share of ambiguous detections\n\n"
-            + result.to_markdown(result.pareto()),
+            f"## {' against '.join(self._traded)}\n\n"
+            + result.to_markdown(result.pareto(*self._traded)),
         ]
         return "\n\n".join(parts)
 
@@ -250,15 +259,21 @@ class Sweep:
         return {
             "settings": len(result.settings),
             "scenes": list(result.scenes),
-            "metric": self.metric,
-            "best": [dataclasses.asdict(s) for s in result.best(self.metric, self.top)],
-            "as_it_stands": [dataclasses.asdict(s) for s in _given(result)],
-            "pareto": [dataclasses.asdict(s) for s in result.pareto()],
+            "metric": self._best_by,
+            "best": _records(result.best(self._best_by, self.top)),
+            "as_it_stands": _records(_given(result)),
+            "pareto": _records(result.pareto(*self._traded)),
             "batch": result.batch,
             "program_bytes": result.program_bytes,
             "complete": result.complete,
             "out": str(out),
         }
+
+
+def _records(standings: list[Standing]) -> list[dict[str, Any]]:
+    from remind_jax.metrics.evaluation import without_nan
+
+    return [{**dataclasses.asdict(one), "scores": without_nan(one.scores)} for one in standings]
 
 
 def _given(result: SweepResult) -> list[Standing]:

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.files import beside, find_file, find_profile, list_configs, read_yaml
 from remind_jax.config.keys import SWITCHES, THRESHOLDS, flat_keys
@@ -352,6 +354,8 @@ def _check_thresholds(section: Any, path: str) -> None:
 
 def _coerce(value: Any, old: Any, name: str) -> Any:
     """The value in the kind of the one that it replaces; arrays pass, they are sweeps."""
+    if isinstance(value, np.generic):
+        value = value.item()
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     is_whole = is_number and isinstance(value, int)
     if isinstance(old, bool):

@@ -6,60 +6,79 @@ Rule: method_plus.md#joining.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import jax
 import numpy as np
 from jaxtyping import Int
 
-from remind_jax.method import Joined
+from remind_jax.method import Joined, Joining
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.archive import NO_PARTNERS, Resting
 from remind_jax.plus.memory_matching import NOBODY, Side, match
-from remind_jax.plus.recall import ObjectsAtRest
 from remind_jax.plus.state import PlusState
 
 
 def join(
-    state: PlusState,
-    at_rest: ObjectsAtRest,
-    other: PlusState,
-    other_at_rest: ObjectsAtRest,
-    class_ids: Int[np.ndarray, "classes"],
-    t: th.PlusThresholds,
+    this: Joining, that: Joining, class_ids: Int[np.ndarray, "classes"], t: th.PlusThresholds
 ) -> tuple[PlusState, Joined]:
-    """Takes in all objects of another memory as objects at rest, and finds those that are known.
+    """Takes in the objects of another memory as objects at rest, and finds those that are known.
 
     Args:
-      state: This memory.
-      at_rest: Its objects at rest, to which the others come.
-      other: The other memory.
-      other_at_rest: Its objects at rest.
+      this: This memory, to whose objects at rest the others come.
+      that: The other memory; what came from this one, or from where this one has it, stays away.
       class_ids: What its classes are here.
       t: Weights of the evidence.
 
     Returns:
       This memory, in which only the next id is another one, and what was found.
     """
-    state, other = jax.device_get((state, other))
-    here, partners_here = at_rest.archive.with_working_set(state)
-    there, partners_there = other_at_rest.archive.with_working_set(other)
+    state, other = jax.device_get((this.state, that.state))
+    here, partners_here = this.at_rest.archive.with_working_set(state)
+    there, partners_there = that.at_rest.archive.with_working_set(other)
     there |= {one.id: one for one in _ended(other, t.decision)}
     shift, later = int(state.next_id), int(state.frame) - int(other.frame)
     moved = {one: _moved(of_one, shift, later, class_ids) for one, of_one in there.items()}
-    partners = {one + shift: _renamed(partners_there.get(one, NO_PARTNERS), shift) for one in there}
+    copies = _find_copies(here, moved)
+    ids = {one: copies.get(one, one + shift) for one in there}
+    moved = {one: of_one for one, of_one in moved.items() if one not in copies}
+    partners = {ids[one]: _renamed(partners_there.get(one, NO_PARTNERS), ids) for one in moved}
     state = dataclasses.replace(state, next_id=np.int32(shift + int(other.next_id)))
-    matched: list[tuple[int, int]] = []
+    # What was declared one there is so here, with all that it was declared to be here.
+    declared = {
+        ids[new]: this.merged_into.get(copies[old], copies[old])
+        for pair in that.merged_into.items()
+        for old, new in (pair, pair[::-1])
+        if old in copies and new in moved
+    }
+    matched = [(known, new) for new, known in declared.items()]
     ambiguous: dict[int, tuple[int, ...]] = {}
-    known = Side.of(here, partners_here)
-    added = Side.of({one.id: one for one in moved.values()}, partners)
+    apart = {one: of_one for one, of_one in here.items() if one not in this.merged_into}
+    asking = {
+        of_one.id: of_one
+        for one, of_one in moved.items()
+        if one not in that.merged_into and of_one.id not in declared
+    }
+    known = Side.of(apart, partners_here)
+    added = Side.of(asking, partners)
     if known.objects and added.objects:
-        ids, new_ids = ([one.id for one in side.objects] for side in (known, added))
+        known_ids, new_ids = ([one.id for one in side.objects] for side in (known, added))
         row, doubted = match(known, added, state.scene, t)
-        matched = [(ids[row[m]], new_ids[m]) for m in np.flatnonzero(row != NOBODY)]
-        ambiguous = {new_ids[m]: tuple(ids[r] for r in rows) for m, rows in doubted.items()}
-    at_rest.archive.take_in(list(moved.values()), partners, state)
-    return state, Joined({one: one + shift for one in there}, tuple(matched), ambiguous)
+        matched += [(known_ids[row[m]], new_ids[m]) for m in np.flatnonzero(row != NOBODY)]
+        ambiguous = {new_ids[m]: tuple(known_ids[r] for r in rows) for m, rows in doubted.items()}
+    this.at_rest.archive.take_in(list(moved.values()), partners, state)
+    return state, Joined({one: ids[one] for one in moved}, tuple(matched), ambiguous)
+
+
+def _find_copies(here: Mapping[int, Resting], moved: Mapping[int, Resting]) -> dict[int, int]:
+    """Objects that were joined before and were not seen since, and their ids here."""
+
+    def key_of(one: Resting) -> tuple[int, bytes]:
+        return int(one.values["class_id"]), one.bank.tobytes()
+
+    known = {key_of(one): one.id for one in here.values() if len(one.bank)}
+    return {one: known[key_of(of_one)] for one, of_one in moved.items() if key_of(of_one) in known}
 
 
 def _moved(one: Resting, shift: int, later: int, class_ids: Int[np.ndarray, "classes"]) -> Resting:
@@ -74,9 +93,9 @@ def _moved(one: Resting, shift: int, later: int, class_ids: Int[np.ndarray, "cla
     )
 
 
-def _renamed(partners: np.ndarray, shift: int) -> np.ndarray:
-    partners = partners.copy()
-    partners["id"] += shift
+def _renamed(partners: np.ndarray, ids: Mapping[int, int]) -> np.ndarray:
+    partners = partners[np.isin(partners["id"], list(ids))]
+    partners["id"] = [ids[one] for one in partners["id"].tolist()]
     return partners
 
 

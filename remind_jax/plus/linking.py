@@ -189,9 +189,13 @@ def score_links(
 
 def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
     """The tracklet that each detection goes on with, NO_SLOT for the first of a new one."""
-    num = len(links.score)
+    num, possible = len(links.score), links.possible
+    # Most detections may go on with one tracklet, and it with no other.
+    clear = possible & (jnp.sum(possible, axis=0) == 1) & (jnp.sum(possible, axis=1) == 1)[:, None]
     alone, one_group = jnp.full(num, t.least), jnp.zeros(num, jnp.int32)
-    return assign_in_graph(links.score, links.possible, one_group, alone, jnp.array(True))
+    others = possible & ~clear
+    found = assign_in_graph(links.score, others, one_group, alone, jnp.array(True))
+    return jnp.where(jnp.any(clear, axis=1), jnp.argmax(clear, axis=1), found)
 
 
 def trust_links(

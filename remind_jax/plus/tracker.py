@@ -8,6 +8,7 @@ beside them.
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -63,7 +64,7 @@ from remind_jax.plus.scene_map import (
     shift_of,
 )
 from remind_jax.plus.slots import NO_ROW, create_objects, rows_of
-from remind_jax.plus.state import PlusState, Tracklets, init
+from remind_jax.plus.state import Objects, Pairs, PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Verdicts, no_verdicts
 from remind_jax.plus.whitening import (
@@ -105,8 +106,10 @@ def advance(
     """
     t = thresholds.as_arrays()
     sightings, motion = jax.tree.map(_single, (sightings, motion))
-    counted = state.objects.exists, sightings.valid, state.tracklets.is_open
-    needed = batch_max(jnp.sum(jnp.concatenate(counted), dtype=jnp.int32))
+    linked = _link(state, sightings, motion, t)
+    # Each open tracklet may become an object.
+    counted = jnp.concatenate([state.objects.exists, linked.tracklets.is_open])
+    needed = batch_max(jnp.sum(counted, dtype=jnp.int32))
     fits = needed <= static.num_objects
     lacking = Overflow(objects=needed, pending=jnp.int32(0))
     nothing = dataclasses.replace(state, overflow=lacking), no_verdicts(static.num_detections)
@@ -114,7 +117,7 @@ def advance(
         fits,
         lambda: jax.tree.map(
             lambda new, old: new.astype(old.dtype),
-            _advance(state, sightings, motion, present, static, t),
+            _recognize(state, linked, present, static, t),
             nothing,
         ),
         lambda: nothing,
@@ -129,20 +132,36 @@ def _single(leaf: Array) -> Array:
     return leaf.astype(jnp.int32) if jnp.issubdtype(leaf.dtype, jnp.integer) else leaf
 
 
-def _advance(
+class _Linked(NamedTuple):
+    """Where everything is in a frame: its detections go on with tracklets, or begin new ones."""
+
+    tick: Float[Array, ""]  # time since the last frame, one tick at most
+    is_tick: Bool[Array, ""]  # whether another tick of the clock is full
+    sightings: Sightings  # without those that show a thing twice
+    second: Bool[Array, "N"]  # those that do
+    origin: Int[Array, "N"]  # the tracklet before the frame that each goes on with
+    cropped: Bool[Array, "N"]  # cropped beside it, or whole again
+    counts: Bool[Array, "N"]  # those that teach
+    change: Float[Array, "N D"]  # of their looks
+    likeness: Float[Array, "N T"]  # cosines of looks with the tracklets before the frame
+    confused: Float[Array, "L L"]  # log odds that one class is named as another
+    trust: Float[Array, "N"]  # how probable each link is
+    tracklets: Tracklets  # those of the detections first
+    next_id: Int[Array, ""]
+    objects: Objects  # where they are by the motion of the image
+    pairs: Pairs
+
+
+def _link(
     state: PlusState,
     sightings: Sightings,
     motion: Motion,
-    present: Bool[Array, "N"],
-    static: Static,
     t: PlusThresholds,
-) -> tuple[PlusState, Verdicts]:
-    frame, num = state.frame, static.num_detections
+) -> _Linked:
+    frame = state.frame
     # Frames come as fast as the camera gives them; what they teach is counted by the clock.
     tick = clock.tick_of(motion.elapsed)
-    passed = state.phase + tick
-    is_tick = passed >= 1.0 - clock.SLACK
-    # Where is everything in this frame?
+    is_tick = state.phase + tick >= 1.0 - clock.SLACK
     likeness = compare_looks(state.tracklets, sightings, state.scene)
     # Where the image goes on, so do most of its objects; over a cut, and of two that passed behind
     # each other, only looks can tell.
@@ -189,12 +208,46 @@ def _advance(
         doubt_of(motion),
         t.mobility,
     )
-    here = _trusted(jax.tree.map(lambda leaf: leaf[:num], tracklets), link_trust)
+    return _Linked(
+        tick,
+        is_tick,
+        sightings,
+        second,
+        origin,
+        cropped,
+        counts,
+        change,
+        likeness,
+        confused,
+        link_trust,
+        tracklets,
+        next_id,
+        objects,
+        pairs,
+    )
+
+
+def _recognize(
+    state: PlusState,
+    linked: _Linked,
+    present: Bool[Array, "N"],
+    static: Static,
+    t: PlusThresholds,
+) -> tuple[PlusState, Verdicts]:
+    frame, num = state.frame, static.num_detections
+    sightings, tracklets, objects, pairs = (
+        linked.sightings,
+        linked.tracklets,
+        linked.objects,
+        linked.pairs,
+    )
+    origin, counts, confused = linked.origin, linked.counts, linked.confused
+    here = _trusted(jax.tree.map(lambda leaf: leaf[:num], tracklets), linked.trust)
     # Which differences of looks matter in this scene?
     share = jnp.where(counts, share_of(here, objects), 0.0)
-    alike = jnp.where(cropped, NO_SLOT, origin)
-    scene = learn_scatter(state.scene, sightings, change, alike != NO_SLOT, share, frame)
-    scene = learn_links(scene, state.tracklets, likeness, alike, share)
+    alike = jnp.where(linked.cropped, NO_SLOT, origin)
+    scene = learn_scatter(state.scene, sightings, linked.change, alike != NO_SLOT, share, frame)
+    scene = learn_links(scene, state.tracklets, linked.likeness, alike, share)
     before = jnp.maximum(origin, 0)
     goes_on = (origin != NO_SLOT) & state.tracklets.just_seen[before]
     scene = learn_names(
@@ -231,7 +284,7 @@ def _advance(
     decisions = report(
         verdicts, weighed.belief, moves, stays, here, present, sightings, static, t.decision
     )
-    reason = jnp.where(second, int(Reason.DOUBLE), decisions.reason)
+    reason = jnp.where(linked.second, int(Reason.DOUBLE), decisions.reason)
     decisions = dataclasses.replace(decisions, reason=reason)
     # What does that teach?
     scene, objects = learn_newness(scene, objects, choice, here.class_id, candidates)
@@ -265,20 +318,21 @@ def _advance(
         scene, objects, here, sure, choice, cosine, since_first, share, state.ticks
     )
     objects, scene = learn_speeds(objects, scene, here, counts, teacher)
-    pairs = learn_relations(objects, pairs, teacher, sightings, tick, t.mobility)
+    pairs = learn_relations(objects, pairs, teacher, sightings, linked.tick, t.mobility)
     objects = learn_objects(objects, teacher, sightings, frame)
     looks_in_view = KeptLooks.in_view(objects, here, sure, counts, sightings)
     looks_of_ended = KeptLooks(slots[num:], tracklets.look[num:], ended[num:])
     objects = keep_looks(objects, scene, (looks_of_ended, looks_in_view), t.memory)
+    passed = state.phase + linked.tick
     after = PlusState(
         objects=objects,
         pairs=pairs,
         tracklets=_settle(tracklets, here, slots[num:], ended[num:], row),
         scene=scene,
-        next_id=next_id,
+        next_id=linked.next_id,
         frame=frame + 1,
-        ticks=state.ticks + is_tick,
-        phase=jnp.where(is_tick, passed - 1.0, passed),
+        ticks=state.ticks + linked.is_tick,
+        phase=jnp.where(linked.is_tick, passed - 1.0, passed),
         decisions=decisions,
         answers=verdicts.answers,
         overflow=Overflow(objects=jnp.int32(0), pending=jnp.int32(0)),

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from remind_jax.errors import ConfigError, RemindError
-from remind_jax.method import get_method
+from remind_jax.method import Joining, get_method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.session.announcement import Announcements
 from remind_jax.session.memory_file import SavedMemory, check_backbone, check_tracker
@@ -66,9 +66,8 @@ def join_memories(
     class_names = (*memory.class_names, *new)
     class_ids = np.array([class_names.index(one) for one in other.class_names], int)
     thresholds = method.settings() if thresholds is None else thresholds
-    state, joined = method.host.join(
-        memory.state, memory.at_rest, other.state, other.at_rest, class_ids, thresholds
-    )
+    sides = [Joining(one.state, one.at_rest, _merged_into(one)) for one in (memory, other)]
+    state, joined = method.host.join(*sides, class_ids, thresholds)
     announced, number_of = (memory.announced or Announcements()).joined(
         other.announced or Announcements(), joined.ids
     )
@@ -94,6 +93,17 @@ def join_memories(
         fingerprint=memory.fingerprint or other.fingerprint,
     )
     return changed, JoinedObjects(number_of, matched, ambiguous)
+
+
+def _merged_into(memory: SavedMemory) -> dict[int, int]:
+    """What was declared to be another object, and which, by the ids of the tracker."""
+    announced = memory.announced or Announcements()
+    return {
+        one: kept
+        for gone, into in memory.records.merged_into.items()
+        for kept in announced.memory_ids(into)[:1]
+        for one in announced.memory_ids(gone)
+    }
 
 
 def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:

@@ -22,6 +22,7 @@ from remind_jax.decision import NO_ID, Outcome
 from remind_jax.method import Method, get_method
 from remind_jax.static import GROWTH_STEP, Static
 from remind_jax.sweeps.program import (
+    SCORES,
     Answers,
     compile_follow,
     compiled_score,
@@ -253,5 +254,4 @@ def score_batch(
         if not scores["overflow"].any():
             break
         num_labels *= GROWTH_STEP
-    names = [name for name in scores if name != "overflow"]
-    return [{name: scores[name][index].item() for name in names} for index in range(num_settings)]
+    return [{name: scores[name][index].item() for name in SCORES} for index in range(num_settings)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from remind_jax.backbone.registry import Backbone
 from remind_jax.compiled.programs import is_of_this_package
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields
-from remind_jax.errors import SweepError
+from remind_jax.errors import ConfigError, SweepError
 from remind_jax.method import Method, get_method
 from remind_jax.session.delay import choose_delay
 from remind_jax.settings.ranges import check_option
@@ -72,6 +73,11 @@ class SceneBench:
             if value is not None:
                 check_option(name, value, 1, most)
         self._config = _choose(config, tracker)
+        if (after := self._config.input.announce_after) > 1:
+            raise ConfigError(
+                f"input.announce_after is {after}, but a sweep scores every answer from the first "
+                "detection on; set it to 1"
+            )
         method = get_method(self._config.tracker)
         self._sweeping, self._delay = method.sweeping, choose_delay(delay, method)
         self._code = code_of(method)
@@ -319,7 +325,9 @@ def _as_list(scenes: Any) -> list[Any]:
 
 def _distinct(names: list[str]) -> list[str]:
     """Scene names, numbered where two are equal."""
-    return [
-        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})"
-        for i, name in enumerate(names)
-    ]
+    distinct: list[str] = []
+    for name in names:
+        numbered = (f"{name} ({number})" for number in itertools.count(1))
+        tried = [name] if names.count(name) == 1 else []
+        distinct.append(next(n for n in itertools.chain(tried, numbered) if n not in distinct))
+    return distinct

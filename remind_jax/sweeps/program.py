@@ -33,10 +33,10 @@ from remind_jax.metrics.in_graph import GraphScores, score_labels
 from remind_jax.static import Static
 
 _AXIS = "settings"  # that devices share
-# What `score` gives; `overflow` where a setting made more ids than there are labels.
+# Of a setting on a scene.
 SCORES = (
     *("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery", "Ambiguous", "Provisional", "Firm"),
-    *("Identities", "overflow"),
+    "Identities",
 )
 
 
@@ -112,6 +112,8 @@ def score(
     num_labels: int,
 ) -> dict[str, Array]:
     """Scores of every setting, each `[S]`, by the rules of `metrics`, undecided ones strictly.
+
+    `overflow` beside them says whether a setting made more ids than there are labels.
 
     Args:
       object_index: True object of each detection.
@@ -272,7 +274,7 @@ def compiled_score(
     def on_leaves(*leaves: Any) -> list[Array]:
         given = jax.tree.unflatten(structure, leaves)
         scores = score(*given, num_objects=num_objects, num_labels=num_labels)
-        return [scores[name] for name in SCORES]
+        return [scores[name] for name in (*SCORES, "overflow")]
 
     program = get_program(Recipe("score", on_leaves, shapes_of(leaves), (num_objects, num_labels)))
-    return dict(zip(SCORES, jax.device_get(program(*leaves)), strict=True))
+    return dict(zip((*SCORES, "overflow"), jax.device_get(program(*leaves)), strict=True))

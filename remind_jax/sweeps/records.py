@@ -22,10 +22,21 @@ from msgspec import Meta
 
 from remind_jax.errors import OutputError
 from remind_jax.files import locked, records, writing
+from remind_jax.metrics.evaluation import without_nan
+from remind_jax.sweeps.program import SCORES
 from remind_jax.sweeps.settings import Setting
 
 FILE_NAME = "rows.jsonl"
 _START = b'{"key":"'  # of every line, cut off or not
+
+
+_Share = Annotated[float, Meta(ge=0, le=1)]
+_FiledScores = msgspec.defstruct(
+    "_FiledScores",
+    [(name, int if name == "Identities" else _Share | None) for name in SCORES],
+    frozen=True,
+    forbid_unknown_fields=True,
+)
 
 
 class _FiledRow(msgspec.Struct, frozen=True):
@@ -34,7 +45,7 @@ class _FiledRow(msgspec.Struct, frozen=True):
     key: Annotated[str, Meta(min_length=1, max_length=64)]
     scene: records.Text
     setting: dict[records.Text, bool | int | float]
-    scores: dict[records.Label, int | float | None]
+    scores: _FiledScores
 
 
 _DECODER = msgspec.json.Decoder(_FiledRow)
@@ -115,7 +126,7 @@ class Records:
 
 
 def _line(row: Row) -> str:
-    scores = {name: None if math.isnan(value) else value for name, value in row.scores.items()}
+    scores = without_nan(row.scores)
     return json.dumps(
         {"key": row.key, "scene": row.scene, "setting": row.setting, "scores": scores},
         separators=(",", ":"),
@@ -134,7 +145,8 @@ def _read_rows(path: Path) -> Iterator[Row]:
         with contextlib.suppress(msgspec.DecodeError, RecursionError, UnicodeDecodeError):
             filed = _DECODER.decode(line)
             scores = {
-                name: math.nan if score is None else score for name, score in filed.scores.items()
+                name: math.nan if score is None else score
+                for name, score in msgspec.structs.asdict(filed.scores).items()
             }
             yield Row(filed.key, filed.scene, filed.setting, scores)
 

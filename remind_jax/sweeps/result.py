@@ -98,21 +98,25 @@ class SweepResult(Printable):
         known = [s for s in self.standings() if not math.isnan(s.scores[metric])]
         return sorted(known, key=lambda s: -sign * s.scores[metric])[:number]
 
-    def pareto(self, high: str = "IDF1", low: str = "Ambiguous") -> list[Standing]:
-        """Settings that no other one beats in both: a high score, and little of something else.
+    def pareto(self, first: str = "IDF1", second: str = "Ambiguous") -> list[Standing]:
+        """Settings that no other one beats in both scores, best by the first one first.
 
         Raises:
-          SweepError: If there is no such score.
+          SweepError: If there is no such score, or nothing is best by it.
         """
-        self._check(high)
-        self._check(low)
-        front, least = [], math.inf
-        ranked = [s for s in self.standings() if not math.isnan(s.scores[high])]
-        for standing in sorted(ranked, key=lambda s: (-s.scores[high], s.scores[low])):
-            if standing.scores[low] < least:
+        front, best = [], -math.inf
+        ranked = [(self._gain(s, first), self._gain(s, second), s) for s in self.standings()]
+        for one, other, standing in sorted(ranked, key=lambda row: (-row[0], -row[1])):
+            if other > best and one > -math.inf:
                 front.append(standing)
-                least = standing.scores[low]
+                best = other
         return front
+
+    def _gain(self, standing: Standing, metric: str) -> float:
+        """A score of which more is better; -inf where there is none."""
+        self._check(metric)
+        gain = sign_of(metric) * standing.scores[metric]
+        return -math.inf if math.isnan(gain) else gain
 
     def to_csv(self, path: str | Path | None = None) -> str:
         """All rows as CSV, also written to a file if one is given.

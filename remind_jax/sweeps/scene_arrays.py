@@ -29,7 +29,7 @@ from remind_jax.session.live import Tracker
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import open_source
 from remind_jax.sources.source import Source
-from remind_jax.static import MOST_OBJECTS, OBJECTS_PER_DETECTION, Static
+from remind_jax.static import MOST_OBJECTS, Static
 from remind_jax.sweeps.settings import stack
 
 NONE = -1
@@ -90,8 +90,11 @@ class SceneFrames:
         They are rounded, so that scenes of about the same size share programs.
         """
         most = self.most_detections
-        objects = self.truth.num_objects + OBJECTS_PER_DETECTION * most
-        needed = {"num_detections": most, "num_objects": objects, "num_pending": most}
+        needed = {
+            "num_detections": most,
+            "num_objects": self.truth.num_objects + most,
+            "num_pending": most,
+        }
         return {name: _round_up(max(1, count)) for name, count in needed.items()}
 
     @functools.cached_property

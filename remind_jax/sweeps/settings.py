@@ -108,7 +108,7 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
         if not _is_range(values):
             return values[int(random.integers(len(values)))]
         low, high = values
-        if isinstance(low, int) and isinstance(high, int):
+        if isinstance(low, numbers.Integral) and isinstance(high, numbers.Integral):
             return int(random.integers(low, high + 1))
         return float(random.uniform(low, high))
 

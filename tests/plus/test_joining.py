@@ -1,6 +1,7 @@
 """Two memories become one: what both know is found, what is not clear stays apart."""
 
 import dataclasses
+import itertools
 
 import jax
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 import remind_jax as rj
 from benchmarks.building import PER_PLACE, STAY, Building
 from remind_jax.errors import ConfigError, RemindError, SourceError
+from remind_jax.method import Joining
 from remind_jax.plus import memory_matching
 from remind_jax.plus.archive import Archive
 from remind_jax.plus.joining import join
@@ -25,6 +27,7 @@ STATIC = Static(num_detections=4, num_objects=16, feature_dim=DIM)
 CONFIG = {"static": {"num_detections": 16, "num_objects": 64}}  # as in test_archive
 ONE_CLASS = np.zeros(1, int)
 LOOKS = np.linalg.qr(np.random.default_rng(0).normal(size=(DIM, DIM)))[0].astype(np.float32)
+LENGTHS = (1.0 + one / 4096 for one in itertools.count())  # no two looks are the same
 
 
 def memory(*groups, next_id=40):
@@ -40,7 +43,8 @@ def memory(*groups, next_id=40):
         for one, look in group.items():
             objects.id[slot], objects.class_id[slot], objects.seen[slot] = one, 0, SEEN
             objects.last[slot], objects.visits[slot], objects.size[slot] = 30, 1, 1.0
-            objects.bank[slot, 0], objects.bank_count[slot, 0] = LOOKS[look], SEEN
+            objects.bank[slot, 0] = next(LENGTHS) * LOOKS[look]
+            objects.bank_count[slot, 0] = SEEN
             slot += 1
         square = np.ix_(slots, slots)
         pairs.covisible[square] = SEEN
@@ -51,8 +55,8 @@ def memory(*groups, next_id=40):
 
 def joined(state, other, class_ids=ONE_CLASS):
     at_rest = ObjectsAtRest()
-    thresholds = PlusThresholds()
-    return join(state, at_rest, other, ObjectsAtRest(), class_ids, thresholds), at_rest
+    sides = Joining(state, at_rest, {}), Joining(other, ObjectsAtRest(), {})
+    return join(*sides, class_ids, PlusThresholds()), at_rest
 
 
 def test_nothing_of_this_memory_changes_and_all_of_the_other_comes():
@@ -67,7 +71,7 @@ def test_nothing_of_this_memory_changes_and_all_of_the_other_comes():
     woken = at_rest.archive.wake(after, [40, 42], np.zeros(2, np.float32))
     slots = [woken.objects.id.tolist().index(one) for one in (40, 42)]
     assert woken.objects.last[slots].tolist() == [-70, -70]  # 103 frames ago
-    np.testing.assert_array_equal(woken.objects.bank[slots, 0], LOOKS[[1, 6]])
+    np.testing.assert_array_equal(woken.objects.bank[slots, 0], other.objects.bank[:2, 0])
     assert woken.pairs.covisible[slots[0], slots[1]] == SEEN
     np.testing.assert_array_equal(woken.pairs.relation[slots[0], slots[1]], [2.0, 2.0])
     assert not woken.pairs.covisible[slots, :2].any()
@@ -135,7 +139,11 @@ def test_what_rests_in_either_memory_is_matched_like_the_others():
         at_rest.append(ObjectsAtRest())
         empty = memory()
         states[number] = at_rest[-1].archive.rest(states[number], empty, slots)
-    state, found = join(states[0], at_rest[0], states[1], at_rest[1], ONE_CLASS, PlusThresholds())
+    state, found = join(
+        *(Joining(one, rest, {}) for one, rest in zip(states, at_rest, strict=True)),
+        ONE_CLASS,
+        PlusThresholds(),
+    )
     assert sorted(found.matched) == [(one, 40 + one) for one in range(5)]
     assert sorted(at_rest[0].ids()) == [0, 1, 3, *range(40, 45)]
     assert by_id(state)["id"].tolist() == [2, 4]
@@ -217,6 +225,24 @@ def test_two_walks_through_overlapping_places_become_one_memory(tmp_path):
     kept, gone = found.matched[0]
     assert again.split(kept) == (gone,)
     assert len(again.objects()) == 9 * PER_PLACE + 1
+
+
+def test_memories_that_are_joined_every_night_do_not_grow_by_copies(tmp_path):
+    building = Building(4 * PER_PLACE, noise=0.05, one_class=False, seed=3)
+    trackers = [rj.Tracker(config=CONFIG), rj.Tracker(config=CONFIG)]
+    for tracker, places in zip(trackers, ([0, 1, 2], [3, 2, 1]), strict=True):
+        walk(tracker, building, places)
+    sizes = []
+    for _ in range(3):
+        for tracker in trackers:
+            tracker.save(tmp_path / "given")
+            other = trackers[1 - trackers.index(tracker)]
+            found = other.join(tmp_path / "given")
+            assert not found.ambiguous
+            assert len(other.objects()) == 4 * PER_PLACE
+        sizes.append([tracker.num_objects for tracker in trackers])
+    assert sizes[0] == sizes[1] == sizes[2]
+    assert max(sizes[0]) == 6 * PER_PLACE
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from remind_jax.backbone.registry import get_backbone
 from remind_jax.errors import ConfigError, SweepError
 from remind_jax.sources import open_source
 from remind_jax.sweeps import draw, sweep
+from remind_jax.sweeps.program import SCORES
 from remind_jax.sweeps.scene_arrays import load_scene
 from tests.sweeps.tiny_sweep import CONFIG, SCENES, SETTINGS, SPACE
 
@@ -94,7 +95,11 @@ def assert_nothing_repeated_or_lost(folder, number):
 
 
 def formula(scene, settings):
-    return [{"IDF1": scene.num_frames + 10 * s.get("matching.match", 0.0)} for s in settings]
+    no_scores = dict.fromkeys(SCORES, 0.0)
+    return [
+        no_scores | {"IDF1": scene.num_frames / 100 + s.get("matching.match", 0.0) / 10}
+        for s in settings
+    ]
 
 
 def stand_in(scene, settings, config, memory_gib, batch, delay):

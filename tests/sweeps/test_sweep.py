@@ -16,7 +16,8 @@ from remind_jax.method import get_method
 from remind_jax.sources import open_source
 from remind_jax.sweeps import batches, sweep
 from remind_jax.sweeps.batches import run_batch
-from remind_jax.sweeps.bench import code_of
+from remind_jax.sweeps.bench import _distinct, code_of
+from remind_jax.sweeps.program import SCORES
 from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.scene_arrays import describe_scene, load_scene
 from remind_jax.sweeps.settings import complete
@@ -61,13 +62,15 @@ def test_nothing_is_done_twice(tmp_path, monkeypatch):
 def test_damaged_rows_are_made_again(tmp_path):
     """Bytes that are no text, deep nesting, other fields: each counts as missing."""
     key = row_key("scene", {"matching.match": 0.5}, {})
-    scores = {"IDF1": 0.25, "Recovery": math.nan, "Identities": 5, "HOTA": 1.0}
+    scores = dict.fromkeys(SCORES, 0.25) | {"Recovery": math.nan, "Identities": 5, "HOTA": 1.0}
     row = Row(key, "scene", {"matching.match": 0.5, "matching.lock": True}, scores)
     Records(tmp_path).add([row])
     path = tmp_path / "rows.jsonl"
     with path.open("ab") as stream:
         stream.write(b'{"key":"\xff\xfe"}\n{"key":' + b"[" * 100_000 + b"\n")
-        stream.write(b'{"key":"a","scene":"b","setting":{},"scores":{"IDF1":"high"}}\n')
+        whole = path.read_bytes().splitlines()[0].replace(key.encode(), b"a")
+        for damaged in (b'"IDF1":"high",', b'"IDF1":5.0,', b'"Other":0.25,', b""):
+            stream.write(whole.replace(b'"IDF1":0.25,', damaged) + b"\n")
     found = Records(tmp_path)
     assert key in found
     assert "a" not in found
@@ -148,3 +151,13 @@ def test_rows_depend_on_every_function_of_an_own_method(tmp_path):
     exec("def f(): return 1", typed := {})
     typed = dataclasses.replace(package, decide=typed["f"])
     assert code_of(typed) != code_of(typed), "nobody can tell what it was"
+
+
+def test_scenes_of_one_name_are_numbered_apart():
+    assert _distinct(["k", "k", "k (1)", "m"]) == ["k (1)", "k (2)", "k (1) (1)", "m"]
+    assert _distinct(["k (1)", "k", "k"]) == ["k (1)", "k (2)", "k (3)"]
+
+
+def test_what_a_sweep_cannot_score_is_refused():
+    with pytest.raises(ConfigError, match="announce_after is 5"):
+        sweep(SCENES, BOXES[:1], config=QUICK.updated({"input": {"announce_after": 5}}))

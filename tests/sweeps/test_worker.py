@@ -47,7 +47,7 @@ def test_batch_is_a_multiple_of_the_devices(monkeypatch):
 
 @pytest.fixture
 def staged(monkeypatch):
-    """A worker whose runs are noted instead of done; memory has room for 140 objects in all."""
+    """A worker whose runs are noted instead of done; memory has room for 84 objects in all."""
     note = types.SimpleNamespace(runs=[], described=0, grow_at=None, outgrows=False)
 
     def describe(scene, static, config):
@@ -64,7 +64,7 @@ def staged(monkeypatch):
 
     def plan(frames, config, static, wanted, budget):
         note.capacities = static.num_detections, static.num_objects
-        return min(wanted, 140 // static.num_objects), 1
+        return min(wanted, 84 // static.num_objects), 1
 
     monkeypatch.setattr(worker, "describe_scene", describe)
     monkeypatch.setattr(worker, "run_batch", run)
@@ -94,7 +94,7 @@ def test_every_setting_gets_its_own_row(staged):
     ]
     assert run_all(Worker(CONFIG, 1.0), settings) == settings
     assert staged.described == 2
-    assert staged.capacities == (6, 20)  # those of the scene, rounded
+    assert staged.capacities == (6, 12)  # those of the scene, rounded
     assert sorted(len(run) for run in staged.runs) == [1, 7, 7]
 
 
