@@ -100,7 +100,7 @@ class Joining:
     """One of two memories that become one."""
 
     state: Any
-    at_rest: AtRest
+    at_rest: Any  # as the method makes it
     merged_into: Mapping[int, int]  # its objects that were declared to be another one, and which
 
 

@@ -75,7 +75,7 @@ class FrameStep:
         return Described(programs, programs.describe(*leaves), frame_input.thresholds)
 
     def decide(self, memory: Bundle, described: Described) -> tuple[Bundle, Packed, Any]:
-        """Decides and remembers; the buffers of `memory` are used up.
+        """Decides and remembers.
 
         Returns:
           The memory, `Readout` packed, and the trace of the decisions if asked for, else None.
@@ -145,7 +145,10 @@ class FrameStep:
         given: Any,
         static: Static,
     ) -> Program:
-        """The program of `run(state, given)`, which takes the memory over, and of its readout."""
+        """The program of `run(state, given)` and of its readout.
+
+        The memory before stays as it is, for a step that fails or is stopped by Ctrl-C.
+        """
         memory = jax.eval_shape(Bundle.of, state)
         memory_shapes, memory_structure = shapes_of(memory), jax.tree.structure(memory)
         given_leaves, given_structure = jax.tree.flatten(given)
@@ -167,15 +170,10 @@ class FrameStep:
                 on_leaves,
                 (*memory_shapes, *shapes_of(given_leaves)),
                 (identify(self._method.decide), self._is_traced, static, given_structure),
-                # Where own code fails, the memory before stays.
-                num_donated=len(memory_shapes) if self._is_ours() else 0,
                 # The structure of a trace is not kept.
                 is_kept=self._is_kept(self._method.decide, static) and not self._is_traced,
             )
         )
-
-    def _is_ours(self) -> bool:
-        return all(map(is_of_this_package, (self._method.describe, self._method.decide)))
 
     def _is_kept(self, function: Callable[..., Any], static: Static) -> bool:
         """A program that calls the host holds pointers into this process."""

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 from jax.core import Tracer
 
 from remind_jax.compiled import kept
@@ -74,6 +75,10 @@ def get_program(recipe: Recipe) -> Program:
 
     Whoever asks for a program that another thread is making waits for that thread.
     """
+    if _is_jit_off():
+        outputs, structure = jax.tree.flatten(jax.eval_shape(recipe.function, *recipe.shapes))
+        run = lambda *leaves: jax.tree.leaves(recipe.function(*map(jnp.asarray, leaves)))  # noqa: E731
+        return Program(run, shapes_of(outputs), 0, structure)
     key = (recipe, _settings())
     with _lock:
         future = _programs.get(key)
@@ -97,6 +102,11 @@ def get_program(recipe: Recipe) -> Program:
     program = future.result()
     _waited.seconds = waited_s() + time.perf_counter() - start
     return program
+
+
+def _is_jit_off() -> bool:
+    """Whether somebody looks into what would be compiled (`jax.disable_jit`)."""
+    return jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def waited_s() -> float:
@@ -148,7 +158,7 @@ class KeptFunction:
     def __call__(self, *args: Any) -> Any:
         """What the function gives."""
         leaves, structure = jax.tree.flatten(args)
-        if any(isinstance(leaf, Tracer) for leaf in leaves):
+        if _is_jit_off() or any(isinstance(leaf, Tracer) for leaf in leaves):
             return self._function(*args)
 
         def on_leaves(*leaves: Any) -> Any:

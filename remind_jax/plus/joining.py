@@ -41,7 +41,7 @@ def join(
     shift, later = int(state.next_id), int(state.frame) - int(other.frame)
     moved = {one: _moved(of_one, shift, later, class_ids) for one, of_one in there.items()}
     copies = _find_copies(here, moved)
-    ids = {one: copies.get(one, one + shift) for one in there}
+    ids = {one: one + shift for one in there} | copies
     moved = {one: of_one for one, of_one in moved.items() if one not in copies}
     partners = {ids[one]: _renamed(partners_there.get(one, NO_PARTNERS), ids) for one in moved}
     state = dataclasses.replace(state, next_id=np.int32(shift + int(other.next_id)))

@@ -38,6 +38,7 @@ from remind_jax.session.memory_file import (
     MemoryFile,
     SavedMemory,
     check_backbone,
+    check_classes,
     check_precision,
     check_tracker,
     load_memory,
@@ -119,7 +120,8 @@ class Tracker(Printable):
         self._memory = GrowingMemory(
             self.method, static, traced=trace, max_objects=self.config.input.max_objects
         )
-        self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
+        # Of one thread: what Ctrl-C kept from being released, it may take again.
+        self._locks = {part: threading.RLock() for part in ("prepare", "advance")}
         self._memory_file: MemoryFile | None = None  # the last one of `checkpoint`
         self._features_given = False
         self._has_profile = False
@@ -284,11 +286,13 @@ class Tracker(Printable):
         Raises:
           SourceError: If the frame is smaller than a patch, or masks and frame do not agree.
         """
-        if not isinstance(frame, Frame):
-            frame = frame_of(frame, 0 if self.state is None else int(self.state.frame))
+        number = 0 if self.state is None else int(self.state.frame)
+        frame = frame if isinstance(frame, Frame) else frame_of(frame, number)
         if time_s is not None:
             frame = dataclasses.replace(frame, time_s=time_s, is_timed=True)
         check_frame(frame)
+        # Those of a source that is opened again begin anew, what is remembered of objects does not.
+        frame = dataclasses.replace(frame, index=number)
         if detections is not None:
             from remind_jax.sources.detections import detections_from
 
@@ -381,8 +385,11 @@ class Tracker(Printable):
           OutputError: If the file cannot be written.
           SourceError: If there is nothing to remember yet.
         """
+        path = as_path(path, "the memory file", OutputError)
         with self._alone("advance"):
             save_memory(path, self._saved(), durably=durably)
+            if self._memory_file is not None and self._memory_file.path == path:
+                self._memory_file = None
 
     def checkpoint(self, path: str | Path) -> None:
         """As `save`, and returns only when it is on the disk: for loops that may be cut off.
@@ -393,7 +400,8 @@ class Tracker(Printable):
         start.
 
         Raises:
-          OutputError: If the file cannot be written; the memory before is kept.
+          OutputError: If the file cannot be written, or another program changed it since the last
+            call; the memory before is kept.
           SourceError: If there is nothing to remember yet.
         """
         path = as_path(path, "the memory file", OutputError)
@@ -410,11 +418,12 @@ class Tracker(Printable):
 
         Raises:
           OutputError: If the file is missing, damaged or of another schema.
-          RemindError: If it was made with another backbone, by another tracker, or with room for
-            other switches.
+          RemindError: If it was made with another backbone, by another tracker, with classes where
+            none are compared (or without), or with room for other switches.
         """
         memory = load_memory(path)
         check_tracker(memory, self.method.name, path)
+        check_classes(memory, self.config.input.class_agnostic, path)
         if memory.backbone != FEATURES_GIVEN:
             fingerprint = self.backbone.fingerprint
             check_backbone(memory, self.features.described_by, fingerprint, path)

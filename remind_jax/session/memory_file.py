@@ -38,6 +38,7 @@ from remind_jax.session.memory_parts import (
 )
 from remind_jax.session.object_pictures import MAX_FILE_BYTES
 from remind_jax.session.object_records import ObjectRecords
+from remind_jax.session.preparation import ANY_CLASS
 from remind_jax.static import Static
 
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
@@ -79,7 +80,7 @@ class _Written:
     at_rest: Any  # of `AtRest.snapshot`
     sha256: str  # of its last part
     num_bytes: int  # of its first part, which holds everything
-    found_as: tuple[int, int, int]  # nobody else wrote it while this is the same
+    found_as: tuple[int, int]  # nobody else wrote it while this is the same
 
 
 class MemoryFile:
@@ -98,12 +99,19 @@ class MemoryFile:
         """Returns when the memory is on the disk.
 
         Raises:
-          OutputError: If the file cannot be written; what it held before is kept.
+          OutputError: If the file cannot be written, or somebody else changed it; what it held
+            before is kept.
         """
-        before, self._written = self._written, None
+        before = self._written
+        if before is not None and self.path.exists() and _identity(self.path) != before.found_as:
+            raise OutputError(
+                f"'{self.path}' was changed by another program since it was written; 'load' it to "
+                "go on from that, or write to another file"
+            )
+        self._written = None
         records = memory.records.kept(memory.object_ids())
         at_rest = None if memory.at_rest is None else memory.at_rest.snapshot()
-        if before is None or not _has_room(self.path, before):
+        if before is None or not _has_room(self.path, before.num_bytes):
             sha256 = save_memory(self.path, memory, durably=True)
             num_bytes = self.path.stat().st_size
         else:
@@ -114,18 +122,14 @@ class MemoryFile:
         self._written = _Written(records, at_rest, sha256, num_bytes, found_as)
 
 
-def _has_room(path: Path, before: _Written) -> bool:
-    """Whether a change is to be added to a file."""
-    try:
-        found_as = _identity(path)
-    except OSError:
-        return False
-    return found_as == before.found_as and found_as[1] <= 2 * before.num_bytes
+def _has_room(path: Path, num_bytes: int) -> bool:
+    """Whether a change is to be added to a file whose first part takes so many bytes."""
+    return path.exists() and path.stat().st_size <= 2 * num_bytes
 
 
-def _identity(path: Path) -> tuple[int, int, int]:
+def _identity(path: Path) -> tuple[int, int]:
     found = path.stat()
-    return found.st_ino, found.st_size, found.st_mtime_ns
+    return found.st_ino, found.st_size
 
 
 def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> str:
@@ -285,6 +289,21 @@ def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
         raise RemindError(
             f"{path} is the memory of tracker '{memory.tracker}', not '{tracker}'; go on with "
             f"{how_to_choose(memory.tracker)}"
+        )
+
+
+def check_classes(memory: SavedMemory, is_agnostic: bool, path: str | Path) -> None:
+    """Refuses a memory of classes where none are told apart, and the other way around.
+
+    Raises:
+      RemindError: If its objects would not be recognized for that.
+    """
+    has_classes = any(name != ANY_CLASS for name in memory.class_names)
+    if memory.class_names and has_classes == is_agnostic:
+        made, hint = ("with", "leave out") if has_classes else ("without", "set")
+        raise RemindError(
+            f"{path} was made {made} classes; {hint} input.class_agnostic, or start without the "
+            "memory"
         )
 
 

@@ -157,7 +157,7 @@ def run(
     )
     _check_source(frames, tracking, found_by, folder if resume else None)
     if folder is not None:
-        _keep_apart(folder, frames, mcap, masks, metadata, weights, config, detector)
+        _keep_apart(folder, frames, mcap, masks, metadata, weights, config, detector, memory)
     # Pictures cannot be written anew, so frames wait until most objects that will be announced are:
     # detectors miss them now and then, hence twice the detections that it takes.
     waiting = 2 * after if after > 1 else 0

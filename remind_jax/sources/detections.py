@@ -239,12 +239,27 @@ def _from_mapping(
         raise SourceError("detections have neither 'masks' nor 'boxes'; give one of them")
     if masks is None:
         planes = fill_boxes(boxes, frame_size)
+        _check_corners(host_array(boxes, "boxes"))
     else:
         planes = _as_planes(host_array(masks, "masks"), frame_size)
     if labels is None and parts.get("class_ids") is not None:
         labels = name_classes(parts["class_ids"], parts.get("class_names") or class_names)
     scores, ids = parts.get("scores"), parts.get("instance_ids")
     return Detections.create(planes, labels, scores, ids)
+
+
+def _check_corners(boxes: np.ndarray) -> None:
+    """Refuses boxes in another form than left, top, right, bottom in pixels."""
+    if turned := np.flatnonzero((boxes[:, 2:] < boxes[:, :2]).any(axis=1)).tolist():
+        raise SourceError(
+            f"box {turned[0]} is {boxes[turned[0]].tolist()}, which ends before it starts; give "
+            "left, top, right, bottom"
+        )
+    if len(boxes) and (boxes >= 0).all() and (boxes <= 1).all():
+        raise SourceError(
+            f"box 0 is {boxes[0].tolist()}, and all boxes lie within 0 to 1; give pixels, not "
+            "shares of the frame"
+        )
 
 
 def _from_array(

@@ -45,7 +45,7 @@ class _FiledRow(msgspec.Struct, frozen=True):
     key: Annotated[str, Meta(min_length=1, max_length=64)]
     scene: records.Text
     setting: dict[records.Text, bool | int | float]
-    scores: _FiledScores
+    scores: _FiledScores  # pyright: ignore[reportInvalidTypeForm]
 
 
 _DECODER = msgspec.json.Decoder(_FiledRow)

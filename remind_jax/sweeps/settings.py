@@ -109,7 +109,7 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
             return values[int(random.integers(len(values)))]
         low, high = values
         if isinstance(low, numbers.Integral) and isinstance(high, numbers.Integral):
-            return int(random.integers(low, high + 1))
+            return int(random.integers(int(low), int(high) + 1))
         return float(random.uniform(low, high))
 
     return [{name: one(values) for name, values in space.items()} for _ in range(number)]

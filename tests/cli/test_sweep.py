@@ -46,7 +46,7 @@ def test_grid_writes_table_and_summary(benches, capsys, tmp_path):
 
 def test_json_holds_the_best_and_the_front(benches, capsys):
     assert main(["sweep", "a", "--set", "matching.match=0.5:0.8:0.1", "--json"]) == process.FINE
-    facts = json.loads(capsys.readouterr().out)
+    facts = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)  # no NaN
     assert facts["settings"] == 5
     assert facts["best"][0]["setting"] == {"matching.match": 0.7}
     assert facts["as_it_stands"][0]["setting"] == {}

@@ -5,6 +5,7 @@ import gc
 import threading
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -93,6 +94,21 @@ def test_another_key_or_shape_or_type_is_another_program(folder):
     run(function, tuple(leaf[:2] for leaf in PAIR))
     run(function, tuple(leaf.astype(np.int32) for leaf in PAIR))
     assert function.num_traces == len(files(folder)) == 4
+
+
+def test_nothing_is_compiled_where_jit_is_off(folder):
+    seen = []
+
+    def double(x):
+        seen.append(x)
+        return 2 * x
+
+    with jax.disable_jit():
+        assert KeptFunction("double", double, ())(jnp.ones(2)).tolist() == [2, 2]
+        run = get_program(Recipe("double-off", double, shapes_of(jnp.ones(2)), ()))
+        assert run(jnp.ones(2))[0].tolist() == [2, 2]
+    assert not isinstance(seen[0], jax.core.Tracer)
+    assert not isinstance(seen[-1], jax.core.Tracer)
 
 
 def test_a_kept_function_is_itself_under_jit(folder):

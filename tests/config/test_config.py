@@ -243,6 +243,18 @@ def test_arrays_pass_as_sweeps():
     assert config.thresholds.matching.match is swept
 
 
+def test_numbers_of_numpy_are_checked_like_others():
+    with pytest.raises(ConfigError, match=r"firm in changes is -5\.0"):
+        load_config({"decision.firm": np.float32(-5)})
+    with pytest.raises(ConfigError, match=r"commit_age in changes is 3\.5"):
+        load_config({"decision.commit_age": np.float64(3.5)})
+    values = load_config(
+        {"decision.commit_age": np.int64(3), "motion.checked": np.False_}
+    ).thresholds
+    assert type(values.decision.commit_age) is int
+    assert values.motion.checked is False
+
+
 def test_growing_doubles_until_it_fits():
     grown = Static(num_objects=64, num_detections=16).grow(num_objects=300, num_detections=5)
     assert (grown.num_objects, grown.num_detections) == (512, 16)

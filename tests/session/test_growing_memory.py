@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from remind_jax.compiled.frame_step import FrameStep
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.session import growing_memory
@@ -79,22 +80,27 @@ def test_a_start_below_what_the_first_frame_needs_begins_with_that():
     assert len(tracker._memory.frame_step._prepared) == 1
 
 
-def test_interruption_while_the_step_is_waited_for_leaves_the_memory_whole(monkeypatch, tmp_path):
+@pytest.mark.parametrize("after_it", [False, True])
+def test_interruption_within_a_step_leaves_the_memory_before_it(after_it, monkeypatch, tmp_path):
     tracker = Tracker(CONFIG)
     first, second, third = frames(3)
     tracker.update(*first)
 
-    def interrupt(tree):
+    decide = FrameStep.decide
+
+    def interrupt(*given):
+        if after_it:
+            decide(*given)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(growing_memory.jax, "device_get", interrupt)
+        patched.setattr(FrameStep, "decide", interrupt)
         with pytest.raises(KeyboardInterrupt):
             tracker.update(*second)
     tracker.save(tmp_path / "memory.safetensors")
     other = Tracker(CONFIG)
     other.load(tmp_path / "memory.safetensors")
-    assert int(other.state.frame) == int(tracker.state.frame) == 2
+    assert int(other.state.frame) == int(tracker.state.frame) == 1
     ours, expected = other.update(*third), tracker.update(*third)
     np.testing.assert_array_equal(ours.object_id, expected.object_id)
     assert set(ours.object_id) == {0, 1, 2}

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.errors import ConfigError, RemindError
+from remind_jax.errors import ConfigError, OutputError, RemindError
 from remind_jax.frame import Detections, Frame
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
@@ -121,3 +121,43 @@ def test_a_memory_that_is_refused_changes_nothing(tmp_path):
         tracker.load(tmp_path / "given")
     tracker.save(tmp_path / "own")
     assert load_memory(tmp_path / "own").backbone == tracker.features.described_by
+
+
+def test_what_another_program_wrote_is_not_overwritten(tmp_path):
+    tracker, other = Tracker(CONFIG), Tracker(CONFIG)
+    kept = tmp_path / "kept.safetensors"
+    tracker.update(*frames(1)[0])
+    tracker.checkpoint(kept)
+    other.load(kept)
+    other.rename(0, "precious")
+    other.save(kept)
+    for _ in range(2):
+        with pytest.raises(OutputError, match="changed by another program"):
+            tracker.checkpoint(kept)
+    tracker.load(kept)
+    tracker.checkpoint(kept)
+    tracker.save(kept)  # by itself
+    tracker.checkpoint(kept)
+    other.load(kept)
+    assert other.objects()[0].name == "precious"
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_a_memory_with_classes_is_refused_where_none_are_compared(first, tmp_path):
+    trackers = [
+        Tracker({**CONFIG, "input": {"class_agnostic": agnostic}})
+        for agnostic in (first, not first)
+    ]
+    trackers[0].update(*frames(1)[0])
+    trackers[0].save(tmp_path / "kept.safetensors")
+    with pytest.raises(RemindError, match="class_agnostic"):
+        trackers[1].load(tmp_path / "kept.safetensors")
+
+
+def test_frames_of_a_source_that_is_opened_again_are_later_ones():
+    tracker = Tracker(CONFIG)
+    for _ in range(2):
+        for index, (image, labels) in enumerate(frames(3)):
+            frame = Frame(index, index, index / 10, "again", image, None)
+            tracker.update(frame, labels)
+    assert {(one.last.frame, one.num_frames) for one in tracker.objects()} == {(5, 6)}

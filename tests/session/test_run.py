@@ -147,7 +147,10 @@ def test_a_run_folder_says_what_found_the_detections(tmp_path):
 
 def test_going_on_from_a_memory_file_is_going_on(whole, tmp_path):
     first = rj.run(PICTURES[:3], out=tmp_path / "first", overlay=False)
-    rest = rj.run(PICTURES[3:], memory=tmp_path / "first" / MEMORY_NAME)
+    memory = tmp_path / "first" / MEMORY_NAME
+    with pytest.raises(OutputError, match="first"):  # would be gone if the run is killed
+        rj.run(PICTURES[3:], memory=memory, out=tmp_path / "first", overwrite=True)
+    rest = rj.run(PICTURES[3:], memory=memory)
     assert rest.info.config["static"] == {**first.info.config["static"], "feature_dim": 223}
     assert_same_decisions((*first.tracks, *rest.tracks), whole.tracks)
 

@@ -105,6 +105,15 @@ def test_box_the_wrong_way_round_is_empty():
     assert not np.asarray(fill_boxes(np.array([[9.0, 9.0, 3.0, 3.0]]), SIZE)).any()
 
 
+@pytest.mark.parametrize(
+    ("boxes", "words"),
+    [([[1, 1, 5, 5], [9, 9, 3, 3]], "box 1 is .*left, top"), ([[0.1, 0.1, 0.5, 0.9]], "pixels")],
+)
+def test_boxes_in_another_form_are_refused(boxes, words):
+    with pytest.raises(SourceError, match=words):
+        detections_from({"boxes": np.array(boxes)}, SIZE)
+
+
 def test_a_single_number_is_no_mask():
     with pytest.raises(SourceError, match=r"masks have shape \(\)"):
         detections_from(np.array(True), (4, 4))

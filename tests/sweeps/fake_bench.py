@@ -43,4 +43,5 @@ def hill(setting: Setting, scene: int) -> dict[str, float]:
     lock = setting.get("matching.lock_score", 0.8)
     gate = setting.get("influence.enabled", False)
     off = (match - 0.7 - 0.01 * scene) ** 2 + 0.3 * (lock - 0.9) ** 2
-    return {"IDF1": math.exp(-30 * off) - (0 if gate else 0.1), "Ambiguous": abs(match - 0.5)}
+    score = math.exp(-30 * off) - (0 if gate else 0.1)
+    return {"IDF1": score, "Ambiguous": abs(match - 0.5), "HardRecovery": math.nan}

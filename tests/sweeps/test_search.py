@@ -53,6 +53,17 @@ def test_two_objectives_give_a_front(sampler):
     assert scores == sorted(scores, reverse=True)
 
 
+def test_of_two_high_scores_more_of_both_is_better():
+    formula = lambda setting, _: {  # noqa: E731
+        "IDF1": setting["a"], "Recovery": setting["b"], "Ambiguous": 1 - setting["b"]
+    }  # fmt: skip
+    pairs = [(0.9, 0.8), (0.7, 0.0), (0.8, 0.9), (0.8, 0.7)]
+    result = FakeBench(formula).run([{"a": a, "b": b} for a, b in pairs])
+    for second in ("Recovery", "Ambiguous"):
+        assert [one.index for one in result.pareto("IDF1", second)] == [0, 2]
+    assert [one.index for one in result.pareto("Ambiguous", "IDF1")] == [2, 0]
+
+
 def test_unknown_scores_teach_nothing_and_stop_nothing():
     def half_known(setting, scene):
         scores = hill(setting, scene)

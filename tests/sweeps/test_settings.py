@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from remind_jax.config import load_config
@@ -127,6 +128,11 @@ def test_what_is_no_list_of_settings_is_refused(given):
 def test_what_cannot_be_drawn_is_refused(space, number):
     with pytest.raises(ConfigError):
         draw(space, number)
+
+
+def test_whole_numbers_of_numpy_are_whole():
+    drawn = draw({"a": (np.int64(3), np.int64(16))}, 20)
+    assert all(type(one["a"]) is int for one in drawn)
 
 
 def test_both_ends_of_a_range_are_checked_and_of_the_kind_of_their_threshold():

@@ -160,4 +160,4 @@ def test_scenes_of_one_name_are_numbered_apart():
 
 def test_what_a_sweep_cannot_score_is_refused():
     with pytest.raises(ConfigError, match="announce_after is 5"):
-        sweep(SCENES, BOXES[:1], config=QUICK.updated({"input": {"announce_after": 5}}))
+        sweep(SCENES, BOXES[:1], config={**QUICK, "input.announce_after": 5})
