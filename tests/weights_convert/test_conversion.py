@@ -134,6 +134,28 @@ def test_sharded_folder_with_configuration(tmp_path):
         convert(folder, tmp_path / "b.safetensors", wishes=Wishes(custom=True))
 
 
+def test_a_shard_gives_what_the_index_says_of_it_and_nothing_else(conversion, tmp_path):
+    published = as_hugging_face(tiny(), "dinov3")
+    expected, _, _ = conversion(published)
+    old = {key: value + 1 for key, value in published.items()}
+    folder = tmp_path / "hf"
+    folder.mkdir()
+    listed = dict.fromkeys(published, "a.safetensors") | {"norm.bias": "b.safetensors"}
+    save_file(published | {"norm.bias": old["norm.bias"]}, folder / "a.safetensors")
+    save_file(old | {"norm.bias": published["norm.bias"]}, folder / "b.safetensors")
+    (folder / "x.safetensors.index.json").write_text(json.dumps({"weight_map": listed}))
+    done = convert(folder, tmp_path / "b.safetensors", wishes=Wishes(heads=2, custom=True))
+    assert_same(load_file(done.path), expected)
+
+
+def test_folder_with_a_pickled_file(conversion, tmp_path):
+    expected, _, _ = conversion(tiny())
+    (tmp_path / "hf").mkdir()
+    write_pth(tmp_path / "hf" / "pytorch_model.bin", tiny())
+    done = convert(tmp_path / "hf", tmp_path / "b.safetensors", wishes=Wishes(heads=2, custom=True))
+    assert_same(load_file(done.path), expected)
+
+
 def test_provenance_and_licence_are_in_the_header(conversion):
     _, header, done = conversion(tiny())
     assert header["source"] == "source.safetensors"
