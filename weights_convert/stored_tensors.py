@@ -45,7 +45,7 @@ class WeightSource:
     path: Path
     files: tuple[Path, ...]  # that hold tensors, in order of name
     tensors: Mapping[str, Any]  # StoredTensor, and mappings of them in training checkpoints
-    config: Mapping[str, Any]  # `config.json` beside a Hugging Face file; empty if there is none
+    config: Mapping[str, Any]  # what Hugging Face's files beside it say; empty if there are none
 
     @functools.cached_property
     def sha256(self) -> str:
@@ -141,10 +141,13 @@ def _open_shards(index: Path) -> WeightSource:
 
 
 def _config_beside(path: Path) -> Mapping[str, Any]:
-    config = path.with_name("config.json")
-    if not config.is_file():
-        return {}
-    return read_json(config, dict[str, Any], refused=WeightsError, max_bytes=_MAX_JSON_BYTES)
+    said: dict[str, Any] = {}
+    for name in ("preprocessor_config.json", "config.json"):
+        if (file := path.with_name(name)).is_file():
+            said |= read_json(file, dict[str, Any], refused=WeightsError, max_bytes=_MAX_JSON_BYTES)
+    if isinstance(timm := said.get("pretrained_cfg"), dict):
+        said |= {f"image_{key}": timm[key] for key in ("mean", "std") if key in timm}
+    return said
 
 
 def _as_stored(values: Mapping[str, Any]) -> dict[str, Any]:

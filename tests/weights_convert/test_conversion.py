@@ -127,7 +127,7 @@ def test_sharded_folder_with_configuration(tmp_path):
     done = convert(folder, tmp_path / "out.safetensors", wishes=Wishes(custom=True))
     assert done.variant.heads == 2
     (folder / "config.json").write_text(json.dumps({"num_attention_heads": 2, "hidden_size": 65}))
-    with pytest.raises(WeightsError, match="hidden_size 65, the weights say 64"):
+    with pytest.raises(WeightsError, match="hidden_size 65, not 64"):
         convert(folder, tmp_path / "b.safetensors", wishes=Wishes(custom=True))
     (folder / "model-2.safetensors").unlink()
     with pytest.raises(WeightsError, match=r"lists 'model-2.safetensors', which is missing"):
@@ -154,6 +154,26 @@ def test_folder_with_a_pickled_file(conversion, tmp_path):
     write_pth(tmp_path / "hf" / "pytorch_model.bin", tiny())
     done = convert(tmp_path / "hf", tmp_path / "b.safetensors", wishes=Wishes(heads=2, custom=True))
     assert_same(load_file(done.path), expected)
+
+
+@pytest.mark.parametrize(
+    ("file", "said", "told"),
+    [
+        ("config.json", {"hidden_act": "quick_gelu"}, "hidden_act"),
+        ("config.json", {"layer_norm_eps": 0.0}, "norm_eps"),
+        ("config.json", {"pretrained_cfg": {"std": [0.5, 0.5, 0.5]}}, "image_std"),  # of timm
+        ("preprocessor_config.json", {"image_mean": [0.5, 0.5, 0.5]}, "image_mean"),
+        ("preprocessor_config.json", {"do_normalize": False}, "do_normalize"),
+    ],
+)
+def test_a_configuration_that_asks_for_something_else(conversion, tmp_path, file, said, told):
+    (tmp_path / file).write_text(json.dumps(said))
+    assert told in refusal(conversion, tiny())
+
+
+def test_a_network_of_its_own_has_the_norm_of_its_configuration(conversion, tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"layer_norm_eps": 1e-12}))
+    assert conversion(tiny("dino_tiny"), "dino_tiny")[2].variant.norm_eps == 1e-12
 
 
 def test_provenance_and_licence_are_in_the_header(conversion):
