@@ -26,6 +26,7 @@ from weights_convert.stored_tensors import StoredTensor
 _HEAD_WIDTH = 64  # of every published network but one
 _WIDE_HEAD_WIDTH, _WIDE = 128, 4096  # DINOv3 7B
 _SHOWN = ("depth", "width", "heads", "patch_px", "hidden", "mlp", "registers", "qkv_bias")
+_CLASSIFIER = r"(head|classifier)\.(weight|bias)"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +80,7 @@ def detect_variant(
     variant = check(dataclasses.asdict(variant), Variant, where, refused=WeightsError)
     variant.check()
     _check_config(variant, config, file)
-    variant = dataclasses.replace(variant, name=name_of(variant))
+    variant = dataclasses.replace(variant, name=_name(variant, named, wishes, file))
     if expected is not None and variant.name != expected.name:
         raise WeightsError(
             f"'{file}' does not hold '{expected.name}' but "
@@ -166,6 +167,26 @@ def _norm_eps(family: Family, wishes: Wishes, config: Mapping[str, Any]) -> Any:
     published = 1e-5 if family == "dinov3" else 1e-6
     is_own = wishes.custom and wishes.variant is None
     return config.get("layer_norm_eps", published) if is_own else published
+
+
+def _name(variant: Variant, named: NamedTensors, wishes: Wishes, file: str) -> str:
+    """The published name; of DINO v1, whose tensors any plain transformer has, only if wished."""
+    name = name_of(variant)
+    if variant.family != "dino" or name == CUSTOM:
+        return name
+    if wishes.variant is None and wishes.custom:
+        return CUSTOM
+    if wishes.variant is None:
+        raise WeightsError(
+            f"'{file}' has the tensors of '{name}', but so has any plain transformer of its size; "
+            f"say --variant {name} if it is that network, or --custom if it is another"
+        )
+    if classifier := [key for key in named.dropped if re.fullmatch(_CLASSIFIER, key)]:
+        raise WeightsError(
+            f"'{file}' holds a classifier ('{classifier[0]}'), which '{name}' has not; convert it "
+            "with --custom instead of --variant"
+        )
+    return name
 
 
 def _check_config(variant: Variant, config: Mapping[str, Any], file: str) -> None:

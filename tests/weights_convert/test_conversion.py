@@ -9,6 +9,8 @@ from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
 from remind_jax.backbone.vit_positions import rotary_periods
+from remind_jax.backbone.vit_variants import VARIANTS, Variant
+from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.errors import ConfigError, OutputError, WeightsError
 from tests.golden.vit import load as golden
 from tests.weights_convert.hugging_face import as_hugging_face
@@ -174,6 +176,35 @@ def test_a_configuration_that_asks_for_something_else(conversion, tmp_path, file
 def test_a_network_of_its_own_has_the_norm_of_its_configuration(conversion, tmp_path):
     (tmp_path / "config.json").write_text(json.dumps({"layer_norm_eps": 1e-12}))
     assert conversion(tiny("dino_tiny"), "dino_tiny")[2].variant.norm_eps == 1e-12
+
+
+class TestPlainTransformer:
+    """With the tensors of a published DINO."""
+
+    @pytest.fixture(autouse=True)
+    def published(self, conversion, monkeypatch):
+        made = json.loads(conversion(tiny("dino_tiny"), "dino_tiny")[1]["architecture"])
+        monkeypatch.setitem(VARIANTS, "dino-test", Variant(**made | {"name": "dino-test"}))
+
+    def test_must_be_named_or_called_another(self, conversion):
+        told = refusal(conversion, tiny("dino_tiny"), "dino_tiny", custom=False)
+        assert "--variant dino-test" in told
+        assert "--custom" in told
+
+    def test_is_dino_by_name(self, conversion, tmp_path):
+        (tmp_path / "config.json").write_text(json.dumps({"layer_norm_eps": 1e-12}))  # of the port
+        trained = tiny("dino_tiny") | {"head.mlp.0.weight": np.ones((3, 64), np.float32)}
+        _, header, done = conversion(trained, "dino_tiny", variant="dino-test", custom=False)
+        assert (done.variant.name, done.variant.norm_eps) == ("dino-test", 1e-6)
+        assert header["licence"] == "Apache-2.0"
+
+    def test_is_else_of_an_unknown_publisher(self, conversion):
+        supervised = tiny("dino_tiny") | {"head.weight": np.ones((3, 64), np.float32)}
+        told = refusal(conversion, supervised, "dino_tiny", variant="dino-test", custom=False)
+        assert "'head.weight'" in told
+        _, header, done = conversion(supervised, "dino_tiny")
+        assert load_weights(done.path).variant.name == "custom"
+        assert header["licence"] == "unknown license"
 
 
 def test_provenance_and_licence_are_in_the_header(conversion):
