@@ -58,7 +58,8 @@ def compare(
         subprocess.run([torch_python, script, folder, *words], check=True, env=quiet)
         out = folder / "converted" / "ours.safetensors"
         start = time.perf_counter()
-        done = convert(folder, out, wishes=Wishes(custom=not is_whole))
+        wishes = Wishes(published.name if is_whole else None, custom=not is_whole)
+        done = convert(folder, out, wishes=wishes)
         converted_s = time.perf_counter() - start
         assert done.variant.depth == variant.depth
         assert is_whole == (done.variant.name == published.name)

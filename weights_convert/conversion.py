@@ -12,7 +12,7 @@ from typing import BinaryIO, Literal
 import numpy as np
 
 import remind_jax
-from remind_jax.backbone.vit_variants import TERMS, Variant
+from remind_jax.backbone.vit_variants import CUSTOM, TERMS, Terms, Variant
 from remind_jax.backbone.vit_weights import (
     DTYPES,
     FORMAT,
@@ -50,7 +50,7 @@ class Conversion:
     @property
     def licence(self) -> str:
         """What the weights may be used for, and where to read it."""
-        terms = TERMS[self.variant.family]
+        terms = _terms(self.variant)
         return f"{terms.license}, {terms.license_url}"
 
 
@@ -103,11 +103,18 @@ def _check_free(out: Path, overwrite: bool) -> None:
         raise OutputError(f"'{out}' exists; choose another name or allow overwriting")
 
 
+def _terms(variant: Variant) -> Terms:
+    """Those of the family; a network of its own in a common form may be anybody's."""
+    if variant.name == CUSTOM and variant.family != "dinov3":
+        return Terms("unknown license", "see where they came from", "")
+    return TERMS[variant.family]
+
+
 def _metadata(
     source: WeightSource, named: NamedTensors, variant: Variant, dtype: str, origin: str
 ) -> dict[str, str]:
     """What the header says of a file, besides its tensors."""
-    terms = TERMS[variant.family]
+    terms = _terms(variant)
     return {
         "format": FORMAT,
         "schema": SCHEMA_VERSION,

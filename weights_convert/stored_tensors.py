@@ -45,7 +45,7 @@ class WeightSource:
     path: Path
     files: tuple[Path, ...]  # that hold tensors, in order of name
     tensors: Mapping[str, Any]  # StoredTensor, and mappings of them in training checkpoints
-    config: Mapping[str, Any]  # `config.json` beside a Hugging Face file; empty if there is none
+    config: Mapping[str, Any]  # what Hugging Face's files beside it say; empty if there are none
 
     @functools.cached_property
     def sha256(self) -> str:
@@ -94,14 +94,15 @@ def open_source(path: str | Path) -> WeightSource:
 
 def _find_in(folder: Path) -> Path:
     """The weight file of a Hugging Face folder."""
-    for pattern in ("*" + INDEX_SUFFIX, "*.safetensors", "*.pth"):
-        found = sorted(folder.glob(pattern))
+    for suffixes in (INDEX_SUFFIX, ".safetensors", PICKLED_SUFFIXES):
+        found = sorted(file for file in folder.glob("*") if file.name.endswith(suffixes))
         if len(found) == 1:
             return found[0]
         if found:
             names = ", ".join(file.name for file in found)
             raise WeightsError(f"folder '{folder}' holds several weight files ({names}); name one")
-    raise WeightsError(f"folder '{folder}' holds no weight file, neither .safetensors nor .pth")
+    known = ", ".join((".safetensors", *PICKLED_SUFFIXES))
+    raise WeightsError(f"folder '{folder}' holds no weight file ({known}); give one that does")
 
 
 def _open_safetensors(path: Path) -> dict[str, StoredTensor]:
@@ -129,17 +130,24 @@ def _open_shards(index: Path) -> WeightSource:
     for file in files:
         if not file.is_file():
             raise WeightsError(f"'{index}' lists {file.name!r}, which is missing beside it")
-        tensors |= _open_safetensors(file)
+        held = _open_safetensors(file)
+        names = (name for name, place in listed.items() if Path(place).name == file.name)
+        tensors |= {name: held[name] for name in names if name in held}
     if missing := sorted(set(listed) - set(tensors)):
-        raise WeightsError(f"'{index}' lists tensors that no file holds: {', '.join(missing)}")
+        raise WeightsError(
+            f"'{index}' lists tensors that their files do not hold: {', '.join(missing)}"
+        )
     return WeightSource(index, files, tensors, _config_beside(index))
 
 
 def _config_beside(path: Path) -> Mapping[str, Any]:
-    config = path.with_name("config.json")
-    if not config.is_file():
-        return {}
-    return read_json(config, dict[str, Any], refused=WeightsError, max_bytes=_MAX_JSON_BYTES)
+    said: dict[str, Any] = {}
+    for name in ("preprocessor_config.json", "config.json"):
+        if (file := path.with_name(name)).is_file():
+            said |= read_json(file, dict[str, Any], refused=WeightsError, max_bytes=_MAX_JSON_BYTES)
+    if isinstance(timm := said.get("pretrained_cfg"), dict):
+        said |= {f"image_{key}": timm[key] for key in ("mean", "std") if key in timm}
+    return said
 
 
 def _as_stored(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,13 +17,16 @@ from remind_jax.backbone.vit_variants import (
     get_variant,
     name_of,
 )
+from remind_jax.detectors.onnx_model import MEAN, STD
 from remind_jax.errors import WeightsError
+from remind_jax.files.records import check
 from weights_convert.key_layouts import NamedTensors
 from weights_convert.stored_tensors import StoredTensor
 
 _HEAD_WIDTH = 64  # of every published network but one
 _WIDE_HEAD_WIDTH, _WIDE = 128, 4096  # DINOv3 7B
 _SHOWN = ("depth", "width", "heads", "patch_px", "hidden", "mlp", "registers", "qkv_bias")
+_CLASSIFIER = r"(head|classifier)\.(weight|bias)"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,12 +73,14 @@ def detect_variant(
         position=_position(family, has_registers, named, wishes),  # pyright: ignore[reportArgumentType]
         table_side=0 if family == "dinov3" else _table_side(tensors, file),
         layer_scale=family != "dino",
-        norm_eps=1e-5 if family == "dinov3" else 1e-6,
+        norm_eps=_norm_eps(family, wishes, config),
         cls_norm="cls_norm.weight" in tensors,
     )
+    where = f"'{file}' and the configuration beside it"
+    variant = check(dataclasses.asdict(variant), Variant, where, refused=WeightsError)
     variant.check()
     _check_config(variant, config, file)
-    variant = dataclasses.replace(variant, name=name_of(variant))
+    variant = dataclasses.replace(variant, name=_name(variant, named, wishes, file))
     if expected is not None and variant.name != expected.name:
         raise WeightsError(
             f"'{file}' does not hold '{expected.name}' but "
@@ -157,21 +162,55 @@ def _position(family: Family, has_registers: bool, named: NamedTensors, wishes: 
     return wishes.position or ("offset" if named.layout.is_official else "size")
 
 
+def _norm_eps(family: Family, wishes: Wishes, config: Mapping[str, Any]) -> Any:
+    """The published one, or what the configuration of a network of its own says."""
+    published = 1e-5 if family == "dinov3" else 1e-6
+    is_own = wishes.custom and wishes.variant is None
+    return config.get("layer_norm_eps", published) if is_own else published
+
+
+def _name(variant: Variant, named: NamedTensors, wishes: Wishes, file: str) -> str:
+    """The published name; of DINO v1, whose tensors any plain transformer has, only if wished."""
+    name = name_of(variant)
+    if variant.family != "dino" or name == CUSTOM:
+        return name
+    if wishes.variant is None and wishes.custom:
+        return CUSTOM
+    if wishes.variant is None:
+        raise WeightsError(
+            f"'{file}' has the tensors of '{name}', but so has any plain transformer of its size; "
+            f"say --variant {name} if it is that network, or --custom if it is another"
+        )
+    if classifier := [key for key in named.dropped if re.fullmatch(_CLASSIFIER, key)]:
+        raise WeightsError(
+            f"'{file}' holds a classifier ('{classifier[0]}'), which '{name}' has not; convert it "
+            "with --custom instead of --variant"
+        )
+    return name
+
+
 def _check_config(variant: Variant, config: Mapping[str, Any], file: str) -> None:
     """Raises a `WeightsError` if Hugging Face's configuration says otherwise."""
-    said: dict[str, float] = {
+    said: dict[str, Any] = {
         "num_attention_heads": variant.heads,
         "hidden_size": variant.width,
         "num_hidden_layers": variant.depth,
         "patch_size": variant.patch_px,
+        "do_normalize": True,
+        "image_mean": MEAN.astype(float).round(6).tolist(),
+        "image_std": STD.astype(float).round(6).tolist(),
     }
     if variant.position == "rotary":
         said["rope_theta"] = ROTARY_BASE
+    if variant.family != "dino":  # the port of the authors' 1e-6 says 1e-12
+        said["layer_norm_eps"] = variant.norm_eps
+    if (variant.family, variant.mlp) != ("dinov2", "swiglu"):  # it says gelu, which is not asked
+        said["hidden_act"] = "silu" if variant.mlp == "swiglu" else "gelu"
     for key, value in said.items():
         if key in config and config[key] != value:
             raise WeightsError(
-                f"config.json beside '{file}' says {key} {config[key]}, the weights say {value}; "
-                "they do not belong together"
+                f"the configuration beside '{file}' says {key} {config[key]}, not {value}; "
+                "give that of these weights, or a network that is computed so"
             )
 
 

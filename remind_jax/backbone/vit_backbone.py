@@ -82,7 +82,9 @@ def _check_precision(precision: str) -> None:
 
 def _make(weights: Weights, precision: Precision) -> Backbone:
     variant = weights.variant
-    name = variant.name if variant.name != CUSTOM else f"vit-{weights.sha256[:12]}"
+    is_custom = variant.name == CUSTOM
+    name = f"vit-{weights.sha256[:12]}" if is_custom else variant.name
+    known = variant if is_custom else variant.position  # a name says the rest
     run = functools.partial(_run, variant, precision)
     numerics = Numerics(DTYPES[precision])
     early = numerics.num_early(variant.depth) or ""
@@ -122,7 +124,7 @@ def _make(weights: Weights, precision: Precision) -> Backbone:
         dim=variant.width,
         apply=apply,
         apply_with_attention=apply_with_attention,
-        fingerprint=f"{weights.sha256}-{variant.position}-{precision}{early}",
+        fingerprint=f"{weights.sha256}-{known}-{precision}{early}",
     )
 
 

@@ -119,8 +119,8 @@ def find_weights(name: str, given: str | Path | None) -> Path:
     raise WeightsError(
         f"there are no weights for '{name}' at {places}: {terms.source}; they are "
         f"under the {terms.license} ({terms.license_url}); convert them once with 'remind convert "
-        f"SOURCE -o {default_folder() / f'{name}.safetensors'}', or name the converted file by "
-        f"weights (--weights PATH) or the environment variable {WEIGHTS_VARIABLE}"
+        f"SOURCE --variant {name} -o {default_folder() / f'{name}.safetensors'}', or name the "
+        f"converted file by weights (--weights PATH) or the environment variable {WEIGHTS_VARIABLE}"
     )
 
 
@@ -168,7 +168,7 @@ def _variant_in(header: Mapping[str, str], path: Path, expected: str | None) -> 
         raise WeightsError(f"the header of '{path}' is damaged: {error}") from error
     if not is_whole:
         raise WeightsError(f"the header of '{path}' is damaged: dtype {header['dtype']!r}")
-    if variant.name != name_of(variant):
+    if variant.name not in (CUSTOM, name_of(variant)):  # what looks published may be another's
         raise WeightsError(
             f"'{path}' calls itself '{variant.name}' but describes '{name_of(variant)}'; convert "
             "it again with 'remind convert'"

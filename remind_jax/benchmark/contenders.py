@@ -43,9 +43,15 @@ def make_contenders(names: Sequence[str] = ()) -> tuple[Contender, ...]:
     thresholds.
 
     Raises:
-      ConfigError: If a name is neither.
+      ConfigError: If a name is neither, or two would share a row.
     """
-    return tuple(_make(name) for name in names or all_contenders())
+    made = tuple(_make(name) for name in names or all_contenders())
+    called = [one.name for one in made]
+    if twice := next((name for name in called if called.count(name) > 1), None):
+        raise ConfigError(
+            f"two methods to compare are called {twice!r}; name one only, or rename its file"
+        )
+    return made
 
 
 def _make(name: str) -> Contender:
@@ -55,8 +61,13 @@ def _make(name: str) -> Contender:
     if Path(name).suffix not in (".yaml", ".yml") and name not in list_configs():
         hint = nearest_names(name, all_contenders())
         raise ConfigError(f"there is no method {name!r} to compare; {hint} (or give a .yaml file)")
-    config = load_config(name)
     short = Path(name).stem
+    if short != name and short in (*list_configs(), *list_methods()):
+        raise ConfigError(
+            f"file {name!r} is called like the shipped method {short!r}; rename it, or name the "
+            "method without a suffix"
+        )
+    config = load_config(name)
     if short.startswith(_ABLATION):
         what = short.removeprefix(_ABLATION).removeprefix(f"{config.tracker}_")
         title = f"{config.tracker}: {what.replace('_', ' ')}"  # `plus: no layout`

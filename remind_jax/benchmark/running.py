@@ -71,11 +71,13 @@ def run_all(
       KeyboardInterrupt: If somebody stops it; the run in work is lost, all others are kept.
     """
     records = []
+    detector = _describe_detector(setup)
     for scene in scenes:
         features_ms: float | None = None
+        shown = [scene.name, scene.layout, scene.digest()]
         for contender in contenders:
             folder = folder_of(setup.out, setup.regime, contender.name, scene.name)
-            fingerprint = _fingerprint(setup, scene, contender)
+            fingerprint = _fingerprint(setup, contender, shown, detector)
             known = read_record(folder)
             is_known = known is not None and known.fingerprint == fingerprint
             num_kills = known.num_kills if known and is_known else 0
@@ -215,21 +217,26 @@ def _keep_features(setup: Setup) -> Backbone:
     return cache_features(setup.backbone, setup.feature_cache or default_folder())
 
 
-def _fingerprint(setup: Setup, scene: Scene, contender: Contender) -> str:
+def _fingerprint(
+    setup: Setup, contender: Contender, shown: list[str], detector: list[str] | None
+) -> str:
     """Changes with everything that may change the result, but for the program itself."""
     decisive = {
         "version": __version__,
         "config": contender.config.for_backbone(*setup.backbone.identity).to_dict(),
         "backbone": [setup.backbone.name, setup.backbone.fingerprint],
         "sampling": dataclasses.asdict(setup.sampling),
-        "scene": [scene.name, scene.layout],
-        "detector": _describe_detector(setup) if setup.regime == "detector" else None,
+        "scene": shown,
+        "detector": detector,
     }
     text = json.dumps(decisive, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _describe_detector(setup: Setup) -> list[str | int]:
+def _describe_detector(setup: Setup) -> list[str] | None:
+    if setup.regime != "detector":
+        return None
     assert setup.detector is not None
-    options = setup.detector_options or DetectorOptions()
-    return [setup.detector.name, setup.detector.stat().st_size, repr(options)]
+    with setup.detector.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return [digest, repr(setup.detector_options or DetectorOptions())]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import hashlib
+import os
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from remind_jax.errors import SourceError, nearest_names
 from remind_jax.sources import davis, open_source, scannetpp
+from remind_jax.sources.file_tree import files_in
 from remind_jax.sources.sampling import Sampling
 from remind_jax.sources.source import Source
 
@@ -32,6 +36,29 @@ class Scene:
         if self.sequence is not None:
             options["sequence"] = self.sequence
         return open_source(self.path, **options)
+
+    def digest(self) -> str:
+        """Hash of the files of frames, masks and metadata, wherever they lie."""
+        digest = hashlib.sha256()
+        for place in self._places():
+            files = [place / name for name in files_in(place)] if place.is_dir() else [place]
+            for file in filter(Path.is_file, files):
+                digest.update(os.fsencode(file.name) + b"\0")
+                with contextlib.suppress(OSError), file.open("rb") as stream:
+                    digest.update(hashlib.file_digest(stream, "sha256").digest())
+        return digest.hexdigest()
+
+    def _places(self) -> list[Path]:
+        """Files, and folders of files, that it is read from; some may be missing."""
+        if self.layout == "davis":
+            sequence = self.sequence or ""
+            folders = (f"{name}/{sequence}" for name in (davis.IMAGES, davis.ANNOTATIONS))
+            return [self.path / name for name in (*folders, *davis.metadata_files(sequence))]
+        annotated, masks = scannetpp.find_annotations(self.path)
+        found = [scannetpp.find_images(self.path)]
+        if masks is not None:
+            found += [masks.folder, *(annotated / name for name in masks.metadata_files)]
+        return [place for place in found if place is not None]
 
 
 def find_scenes(root: str | Path) -> tuple[Scene, ...]:

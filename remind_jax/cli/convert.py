@@ -30,19 +30,21 @@ class Convert:
     Examples:
       remind convert dinov3_vits16_pretrain_lvd1689m-08c60483.pth
       remind convert dinov3-vits16-pretrain-lvd1689m/ -o dinov3.safetensors
+      remind convert dino_deitsmall16_pretrain.pth --variant dino-vits16
     """
 
     # official .pth, or Hugging Face's .safetensors, index of shards, or folder
     source: Annotated[Positional[Path | None], arg(metavar="[SOURCE]")] = None
     # converted file; NAME.safetensors where 'remind run' looks for it if left out
     out: Annotated[Path | None, arg(aliases=["-o"])] = None
-    variant: Annotated[str | None, arg(metavar="NAME")] = None  # refuse any other network
+    # refuse any other network; DINO, whose tensors any plain transformer has, must be named
+    variant: Annotated[str | None, arg(metavar="NAME")] = None
     dtype: Literal["float32", "bfloat16"] = "float32"  # type that numbers are stored in
     # how position tables of DINO and DINOv2 without registers are resampled: offset, as the
     # official code, or size, as Hugging Face; that of the source if left out
     position: Literal["offset", "size"] | None = None
-    heads: int | None = None  # attention heads, of networks that were never published
-    custom: bool = False  # allow networks that were never published
+    heads: int | None = None  # attention heads, of networks that are none of the published
+    custom: bool = False  # allow networks that are none of the published
     overwrite: bool = False  # replace an existing file
     json: bool = False  # print what was done as JSON
     quiet: bool = False  # say nothing but errors

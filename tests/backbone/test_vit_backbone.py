@@ -11,8 +11,13 @@ from remind_jax.backbone import get_backbone
 from remind_jax.backbone.vit import Numerics, VisionTransformer, encode
 from remind_jax.backbone.vit_backbone import choose_attention, normalize
 from remind_jax.backbone.vit_variants import get_variant
+from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.errors import ConfigError, WeightsError
 from tests.backbone.networks import converted, converted_file
+from tests.golden.vit import load as golden
+from tests.weights_convert.pth_files import write_pth
+from weights_convert.conversion import convert
+from weights_convert.variant_detection import Wishes
 
 IMAGES = np.random.default_rng(0).integers(0, 256, (2, 64, 96, 3), np.uint8)
 MIB = 2**20
@@ -75,6 +80,17 @@ def test_bfloat16_has_another_fingerprint_and_other_features(backbone):
     assert 1e-3 < np.abs(features - backbone.extract(IMAGES)).max() < 0.5
 
 
+def test_what_no_weight_says_is_in_the_fingerprint_of_a_network_without_a_name(tmp_path):
+    write_pth(tmp_path / "plain.pth", golden.load("dino_tiny").official())
+    made = []
+    for heads in (1, 2):
+        file = tmp_path / f"{heads}.safetensors"
+        convert(tmp_path / "plain.pth", file, wishes=Wishes(heads=heads, custom=True))
+        made.append(get_backbone(f"vit:{file}"))
+    assert made[0].name == made[1].name
+    assert made[0].fingerprint != made[1].fingerprint
+
+
 def test_wrong_options():
     file = converted_file("dinov3_tiny_mlp")
     with pytest.raises(ConfigError, match="precision is 'float16'; allowed: float32, bfloat16"):
@@ -94,6 +110,8 @@ def test_a_published_network_by_name_with_its_weights():
     by_target = get_backbone(f"dinov3-vits16:{file}")
     assert by_option.name == by_target.name == "dinov3-vits16"
     assert by_option.fingerprint == by_target.fingerprint
+    # Profiles and memories are found by it.
+    assert by_option.fingerprint.startswith(f"{load_weights(file).sha256}-rotary-float32")
     assert (by_option.patch_px, by_option.dim) == (16, 384)
 
 

@@ -19,3 +19,21 @@ def test_contenders_by_name(tmp_path):
     ablations = make_contenders(["ablation_no_parts", "ablation_plus_no_layout"])
     assert [one.title for one in ablations] == ["remind: no parts", "plus: no layout"]
     assert len({one.title for one in make_contenders()}) == len(names)
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (["bank", "bank"], "'bank'"),
+        (["a/mine.yaml", "b/mine.yaml"], "'mine'"),
+        (["a/default.yaml"], "'default'"),  # a configuration
+        (["a/bank.yaml"], "'bank'"),  # a tracker
+    ],
+)
+def test_no_two_share_a_row(tmp_path, monkeypatch, names, told):
+    monkeypatch.chdir(tmp_path)
+    for file in ("a/mine.yaml", "b/mine.yaml", "a/default.yaml", "a/bank.yaml"):
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_text("base: remind\n")
+    with pytest.raises(ConfigError, match=told):
+        make_contenders(names)

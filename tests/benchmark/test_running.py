@@ -33,6 +33,29 @@ def test_results_are_kept_and_nothing_is_done_twice(setup, dataset, monkeypatch)
     assert new == [("alike-1", "iou"), ("light-1", "iou")]
 
 
+@pytest.mark.parametrize(
+    "changed",
+    [
+        "data/alike-1/JPEGImages/*/*.jpg",
+        "data/alike-1/Annotations/*/*.png",
+        "data/alike-1/meta*.json",
+        "detector.onnx",
+    ],
+)
+def test_other_content_under_the_same_names_is_another_result(setup, dataset, tmp_path, changed):
+    shutil.copytree(dataset / "alike-1", tmp_path / "data" / "alike-1")
+    detector = tmp_path / "detector.onnx"
+    detector.write_bytes(b"none, so that runs fail soon")
+    setup = dataclasses.replace(setup, regime="detector", detector=detector)
+    _, new = run(setup, find_scenes(dataset)[:1], ("iou",))
+    assert new == [("alike-1", "iou")]
+    assert run(setup, find_scenes(tmp_path / "data"), ("iou",))[1] == []  # a copy is the same
+    file = next(tmp_path.glob(changed))
+    content = file.read_bytes()
+    file.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    assert run(setup, find_scenes(tmp_path / "data"), ("iou",))[1] == new
+
+
 def test_an_interruption_costs_the_run_in_work(setup, dataset, monkeypatch):
     scenes = find_scenes(dataset)
     real_run = running.run

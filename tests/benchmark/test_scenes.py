@@ -29,6 +29,10 @@ def test_one_davis_folder_with_several_sequences(tmp_path):
     scenes = find_scenes(tmp_path)
     assert [(scene.name, scene.has_masks) for scene in scenes] == [("bear", True), ("camel", False)]
     assert len(list(scenes[1].open(masks=False))) == 1
+    before = [scene.digest() for scene in scenes]
+    (tmp_path / "Annotations" / "480p" / "bear" / "00000.png").write_bytes(b"corrected")
+    same = [scene.digest() == old for scene, old in zip(scenes, before, strict=True)]
+    assert same == [False, True]
 
 
 def test_scannetpp_with_annotations_beside_the_images(tmp_path):
@@ -40,6 +44,11 @@ def test_scannetpp_with_annotations_beside_the_images(tmp_path):
         ("1a", "scannetpp", False),
         ("2b", "scannetpp", True),
     ]
+    before = [scene.digest() for scene in scenes]
+    folder = tmp_path / "annotations" / "2b" / "annotations"
+    (folder / "raw" / "frame_000000.png").write_bytes(b"corrected")
+    same = [scene.digest() == old for scene, old in zip(scenes, before, strict=True)]
+    assert same == [True, False]
 
 
 def test_scenes_by_name(dataset):

@@ -9,6 +9,8 @@ from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
 from remind_jax.backbone.vit_positions import rotary_periods
+from remind_jax.backbone.vit_variants import VARIANTS, Variant
+from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.errors import ConfigError, OutputError, WeightsError
 from tests.golden.vit import load as golden
 from tests.weights_convert.hugging_face import as_hugging_face
@@ -127,11 +129,82 @@ def test_sharded_folder_with_configuration(tmp_path):
     done = convert(folder, tmp_path / "out.safetensors", wishes=Wishes(custom=True))
     assert done.variant.heads == 2
     (folder / "config.json").write_text(json.dumps({"num_attention_heads": 2, "hidden_size": 65}))
-    with pytest.raises(WeightsError, match="hidden_size 65, the weights say 64"):
+    with pytest.raises(WeightsError, match="hidden_size 65, not 64"):
         convert(folder, tmp_path / "b.safetensors", wishes=Wishes(custom=True))
     (folder / "model-2.safetensors").unlink()
     with pytest.raises(WeightsError, match=r"lists 'model-2.safetensors', which is missing"):
         convert(folder, tmp_path / "b.safetensors", wishes=Wishes(custom=True))
+
+
+def test_a_shard_gives_what_the_index_says_of_it_and_nothing_else(conversion, tmp_path):
+    published = as_hugging_face(tiny(), "dinov3")
+    expected, _, _ = conversion(published)
+    old = {key: value + 1 for key, value in published.items()}
+    folder = tmp_path / "hf"
+    folder.mkdir()
+    listed = dict.fromkeys(published, "a.safetensors") | {"norm.bias": "b.safetensors"}
+    save_file(published | {"norm.bias": old["norm.bias"]}, folder / "a.safetensors")
+    save_file(old | {"norm.bias": published["norm.bias"]}, folder / "b.safetensors")
+    (folder / "x.safetensors.index.json").write_text(json.dumps({"weight_map": listed}))
+    done = convert(folder, tmp_path / "b.safetensors", wishes=Wishes(heads=2, custom=True))
+    assert_same(load_file(done.path), expected)
+
+
+def test_folder_with_a_pickled_file(conversion, tmp_path):
+    expected, _, _ = conversion(tiny())
+    (tmp_path / "hf").mkdir()
+    write_pth(tmp_path / "hf" / "pytorch_model.bin", tiny())
+    done = convert(tmp_path / "hf", tmp_path / "b.safetensors", wishes=Wishes(heads=2, custom=True))
+    assert_same(load_file(done.path), expected)
+
+
+@pytest.mark.parametrize(
+    ("file", "said", "told"),
+    [
+        ("config.json", {"hidden_act": "quick_gelu"}, "hidden_act"),
+        ("config.json", {"layer_norm_eps": 0.0}, "norm_eps"),
+        ("config.json", {"pretrained_cfg": {"std": [0.5, 0.5, 0.5]}}, "image_std"),  # of timm
+        ("preprocessor_config.json", {"image_mean": [0.5, 0.5, 0.5]}, "image_mean"),
+        ("preprocessor_config.json", {"do_normalize": False}, "do_normalize"),
+    ],
+)
+def test_a_configuration_that_asks_for_something_else(conversion, tmp_path, file, said, told):
+    (tmp_path / file).write_text(json.dumps(said))
+    assert told in refusal(conversion, tiny())
+
+
+def test_a_network_of_its_own_has_the_norm_of_its_configuration(conversion, tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"layer_norm_eps": 1e-12}))
+    assert conversion(tiny("dino_tiny"), "dino_tiny")[2].variant.norm_eps == 1e-12
+
+
+class TestPlainTransformer:
+    """With the tensors of a published DINO."""
+
+    @pytest.fixture(autouse=True)
+    def published(self, conversion, monkeypatch):
+        made = json.loads(conversion(tiny("dino_tiny"), "dino_tiny")[1]["architecture"])
+        monkeypatch.setitem(VARIANTS, "dino-test", Variant(**made | {"name": "dino-test"}))
+
+    def test_must_be_named_or_called_another(self, conversion):
+        told = refusal(conversion, tiny("dino_tiny"), "dino_tiny", custom=False)
+        assert "--variant dino-test" in told
+        assert "--custom" in told
+
+    def test_is_dino_by_name(self, conversion, tmp_path):
+        (tmp_path / "config.json").write_text(json.dumps({"layer_norm_eps": 1e-12}))  # of the port
+        trained = tiny("dino_tiny") | {"head.mlp.0.weight": np.ones((3, 64), np.float32)}
+        _, header, done = conversion(trained, "dino_tiny", variant="dino-test", custom=False)
+        assert (done.variant.name, done.variant.norm_eps) == ("dino-test", 1e-6)
+        assert header["licence"] == "Apache-2.0"
+
+    def test_is_else_of_an_unknown_publisher(self, conversion):
+        supervised = tiny("dino_tiny") | {"head.weight": np.ones((3, 64), np.float32)}
+        told = refusal(conversion, supervised, "dino_tiny", variant="dino-test", custom=False)
+        assert "'head.weight'" in told
+        _, header, done = conversion(supervised, "dino_tiny")
+        assert load_weights(done.path).variant.name == "custom"
+        assert header["licence"] == "unknown license"
 
 
 def test_provenance_and_licence_are_in_the_header(conversion):

@@ -41,7 +41,8 @@ def test_is_recognised_and_every_key_has_its_place(name, layout):
         tensors = as_hugging_face(tensors, VARIANTS[name].family, copied=False)
     stored = {k: StoredTensor(t.shape, lambda t=t: t) for k, t in tensors.items()}
     named = name_tensors(stored, "file")
-    variant = detect_variant(named, {}, Wishes(), "file")
+    wishes = Wishes(variant=name if VARIANTS[name].family == "dino" else None)
+    variant = detect_variant(named, {}, wishes, "file")
     assert variant.name == name
     wanted = recipes(variant, named.tensors)
     check_complete(wanted, named.tensors, named.source_keys, named.unexpected, "file", variant.name)
