@@ -45,8 +45,8 @@ class BagSummary:
 
     num_images: int  # that were answered
     num_detections: int
-    num_objects: int  # in memory at the end
-    refused: tuple[str, ...]  # why images were left out, one sentence each
+    num_objects: int  # in memory at the end, with an id
+    refused: tuple[str, ...]  # why images and messages were left out, one sentence each
 
 
 def identify_bag(
@@ -81,7 +81,7 @@ def identify_bag(
             (kind, writer.add_connection(topic, kind, typestore=types))
             for topic, kind in PUBLISHED.items()
         ]
-        for time_ns, parts in _read_sets(reader, pairing, topics):
+        for time_ns, parts in _read_sets(reader, pairing, topics, refused):
             try:
                 answer = identification.identify(*parts)
             except SourceError as error:
@@ -127,13 +127,18 @@ def _create(target: str | Path) -> Iterator[Writer]:
 
 
 def _read_sets(
-    reader: AnyReader, pairing: Pairing, topics: BagTopics
+    reader: AnyReader, pairing: Pairing, topics: BagTopics, refused: list[str]
 ) -> Iterator[tuple[int, list[Any]]]:
     """Complete sets of image, instance map and detections, with the bag's time in nanoseconds."""
     wanted = [one for one in reader.connections if one.topic in topics.names]
     for connection, time_ns, raw in reader.messages(wanted):
         message = reader.deserialize(raw, connection.msgtype)
-        for found in pairing.add(connection.topic, stamp_ns(message), message):
+        try:
+            sets = pairing.add(connection.topic, stamp_ns(message), message)
+        except SourceError as error:
+            refused.append(f"message at {time_ns} ns: {error}")
+            continue
+        for found in sets:
             yield time_ns, [found.get(name) for name in dataclasses.astuple(topics)]
 
 

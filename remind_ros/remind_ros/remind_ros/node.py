@@ -124,7 +124,12 @@ class IdentityNode:
 
     def _receiver(self, topic: str) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
-            for found in self._pairing.add(topic, stamp_ns(message), message):
+            try:
+                sets = self._pairing.add(topic, stamp_ns(message), message)
+            except SourceError as error:
+                self.node.get_logger().warning(f"left out: {error}", throttle_duration_sec=10.0)
+                return
+            for found in sets:
                 with self._changed:
                     self._identification.num_skipped += self._next is not None
                     self._next = found
