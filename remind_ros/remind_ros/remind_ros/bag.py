@@ -16,7 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from remind_jax.errors import OutputError, RemindError, SourceError
 from remind_jax.session.live import Tracker
 from remind_ros.definitions import add_types
-from remind_ros.identification import Identification
+from remind_ros.identification import Identification, make_tracker
 from remind_ros.pairing import Pairing, stamp_ns
 
 PUBLISHED = {
@@ -92,7 +92,7 @@ def identify_bag(
             said = (answer.detections, answer.identities)
             for (kind, outlet), message in zip(outlets, said, strict=True):
                 writer.write(outlet, time_ns, types.serialize_cdr(message, kind))
-    num_objects = identification.tracker.num_objects
+    num_objects = identification.num_objects
     return BagSummary(num_images, num_detections, num_objects, tuple(refused))
 
 
@@ -161,13 +161,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--detections", default="", metavar="TOPIC", help="Detection2DArray")
     parser.add_argument("--config", default="default", help="name or YAML file")
     parser.add_argument("--backbone", default="patch-statistics", help="patch features")
+    parser.add_argument("--announce-after", type=int, default=0, help="detections until an id")
     parser.add_argument("--load", type=Path, metavar="FILE", help="memory to go on from")
     parser.add_argument("--save", type=Path, metavar="FILE", help="where the memory is kept")
     parser.add_argument("--slop-s", type=float, default=0.01, help="between stamps of one image")
     given = parser.parse_args(arguments)
     topics = BagTopics(given.image, given.instances, given.detections)
     try:
-        tracker = Tracker(given.config, given.backbone)
+        has_detector = bool(given.detections)
+        tracker = make_tracker(given.config, given.backbone, given.announce_after, has_detector)
         if given.load is not None:
             tracker.load(given.load)
         done = identify_bag(given.source, given.target, topics, tracker, slop_s=given.slop_s)
