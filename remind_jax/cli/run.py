@@ -48,7 +48,7 @@ class Layout:
     unlabelled: Literal["error", "skip"] = "error"  # instances without class
     image_fps: float | None = None
     """Images per second where there are no times; left out, an image is a tenth of a second."""
-    allow_size_change: bool = False  # go on when the frame size changes, else skip such frames
+    allow_size_change: bool = False  # go on when a recording's frame size changes, else skip frames
 
 
 @quiet_defaults

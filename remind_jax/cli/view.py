@@ -65,6 +65,6 @@ def _open_moved(info: RunInfo, source: Path) -> Source:
     from remind_jax.sources.opening import NO_MASKS, read_arguments
 
     has_path = bool((info.source or {}).get("reopen"))
-    earlier = read_arguments(info.source or {}) if has_path else {}
+    earlier = read_arguments(info.source or {}) if has_path else {"allow_size_change": True}
     kept = {name: value for name, value in earlier.items() if name not in ("spec", "metadata")}
     return open_source(source, **{**kept, "masks": NO_MASKS})

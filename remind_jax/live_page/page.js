@@ -69,7 +69,8 @@ function remember(objects) {
     const row = known.get(key) || entry(picture(one), one.name, "");
     known.set(key, row);
     const seen = one.frames === 1 ? "1 frame" : `${one.frames} frames`;
-    row.lastChild.textContent = `${duration(one.unseen_s)} ago, ${seen}`;
+    const last = one.unseen_s === null ? "before this run" : `${duration(one.unseen_s)} ago`;
+    row.lastChild.textContent = `${last}, ${seen}`;
     return row;
   });
   const kept = new Set(rows);

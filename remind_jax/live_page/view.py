@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import itertools
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -19,7 +20,7 @@ from remind_jax.outputs.gallery import crop_detection
 from remind_jax.outputs.overlay import detection_color, draw_overlay
 from remind_jax.outputs.run_records import MemoryUse
 from remind_jax.sources import LiveSource
-from remind_jax.tracks import Tracks
+from remind_jax.tracks import Tracks, title_of
 
 MAX_OBJECTS = 500  # those unseen for longest leave the page, not the memory
 MAX_SPANS = 100  # of one object
@@ -49,10 +50,9 @@ class _Object:
     picture: bytes | None = None
     pictured_s: float = -np.inf
 
-    @property
-    def name(self) -> str:
+    def title(self, names: Mapping[int, str]) -> str:
         """As beside its detections."""
-        return f"{self.label} {self.object_id}"
+        return title_of(self.label, self.object_id, names)
 
     @property
     def color(self) -> str:
@@ -84,10 +84,19 @@ class LiveView:
         self._frame: tuple[np.ndarray | None, Tracks] | None = None
         self._memory: MemoryUse | None = None
         self._objects: dict[int, _Object] = {}  # by their ids in memory
+        self._earlier: dict[int, Any] = {}  # not seen in this run, as announced
+        self._names: Mapping[int, str] = {}
         self._in_view: list[int] = []
         self._arrived = self._now_s = 0.0
         self._shown_at = collections.deque[float](maxlen=_RECENT)
         self._drawn: tuple[int, bytes] | None = None
+
+    def remember(self, objects: Sequence[Any]) -> None:
+        """Takes what is known before the first frame, as `Tracker.objects` tells it."""
+        with self._changed:
+            latest = sorted(objects, key=lambda one: one.last, reverse=True)
+            self._earlier = {one.object_id: one for one in latest}
+            self._names = {one.object_id: one.name for one in latest}
 
     def show(
         self,
@@ -113,6 +122,7 @@ class LiveView:
             self._picture_some(frame, tracks, memory_ids)
             self._forget_some()
             self._frame, self._memory = (frame.image, tracks), memory
+            self._names = tracks.names
             self._arrived, self._now_s = now - age_s, frame.time_s
             self._shown_at.append(now)
             self._num_shown += 1
@@ -147,25 +157,26 @@ class LiveView:
                 **self._say_source(),
                 "age_ms": None if not self._is_live else 1000 * (self._clock() - self._arrived),
                 "fps": self._measure_speed(),
-                "num_objects": len(self._objects),
+                "num_objects": len(self._objects) + len(self._earlier),
                 "memory": None if self._memory is None else msgspec.to_builtins(self._memory),
                 "in_view": [] if tracks is None else self._list_rows(tracks),
                 "remembered": [
                     {
                         "key": keys[id(one)] if one.picture is not None else None,
-                        "name": one.name,
+                        "name": one.title(self._names),
                         "color": one.color,
                         "unseen_s": self._now_s - one.last_s,
                         "frames": one.num_frames,
                     }
                     for one in absent[:MAX_LISTED]
-                ],
+                ]
+                + self._list_earlier(MAX_LISTED - len(absent)),
                 "timeline": {
                     "from_s": max(0.0, self._now_s - WINDOW_S),
                     "to_s": max(self._now_s, 1e-3),
                     "rows": [
                         {
-                            "name": one.name,
+                            "name": one.title(self._names),
                             "color": one.color,
                             "spans": [s for s in one.spans if s[1] >= self._now_s - WINDOW_S],
                         }
@@ -227,11 +238,26 @@ class LiveView:
             for row in range(len(tracks))
         ]
 
+    def _list_earlier(self, most: int) -> list[dict[str, Any]]:
+        return [
+            {
+                "key": None,
+                "name": title_of(one.label, one.object_id, self._names),
+                "color": to_hex(identity_color(one.object_id)),
+                "unseen_s": None,
+                "frames": one.num_frames,
+            }
+            for one in itertools.islice(self._earlier.values(), max(0, most))
+        ]
+
     def _see(self, memory_id: int, object_id: int, label: str, time_s: float) -> None:
+        earlier = self._earlier.pop(object_id, None)
         if memory_id not in self._objects:
             self._objects[memory_id] = _Object(label, object_id, time_s, time_s)
-        self._objects[memory_id].object_id = object_id
-        self._objects[memory_id].see(time_s)
+        one = self._objects[memory_id]
+        one.object_id = object_id
+        one.num_frames += 0 if earlier is None else earlier.num_frames
+        one.see(time_s)
         self._in_view.append(memory_id)
 
     def _merge(self, gone: int, kept: int) -> None:

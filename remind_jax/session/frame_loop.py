@@ -156,6 +156,8 @@ class FrameLoop:
           Whether nothing is left to do: no Ctrl-C came, or it ended a live source.
         """
         complete = True
+        if self.view is not None:
+            self.view.remember(self.tracker.objects())
         try:
             if self._first is not None:
                 self._take(self._first, writer)

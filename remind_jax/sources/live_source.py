@@ -153,11 +153,15 @@ class LiveReader:
 
 
 class LiveSource(SampledSource):
-    """A source that goes on by itself, until it ends, `stop` is called or its time is over."""
+    """A source that goes on by itself, until it ends, `stop` is called or its time is over.
 
-    def __init__(self, reader: LiveReader, sampling: Sampling, **options: Any) -> None:
-        super().__init__(reader, None, sampling, **options)
+    The size of its frames may change.
+    """
+
+    def __init__(self, reader: LiveReader, sampling: Sampling) -> None:
+        super().__init__(reader, None, sampling, allow_size_change=True)
         self._live = reader
+        self._news: list[str] = []
         self._opened_at = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
 
     def get_ready_by(self, before_first: Callable[[Content], None]) -> None:
@@ -170,7 +174,17 @@ class LiveSource(SampledSource):
 
     def take_news(self) -> list[str]:
         """What happened since the last call, as a connection lost and found again."""
-        return self._live.feed.take_news()
+        news, self._news = self._news, []
+        return [*self._live.feed.take_news(), *news]
+
+    def _leave_out(self, frame: SkippedFrame) -> None:
+        """Counts pictures by reason, since there is no end of them; the first is news."""
+        for place, other in enumerate(self.skipped):
+            if other.reason == frame.reason:
+                self.skipped[place] = dataclasses.replace(other, count=other.count + 1)
+                return
+        self.skipped.append(frame)
+        self._news.append(f"a picture of '{self._live.shown}' is left out: {frame.reason}")
 
     def status(self) -> SourceStatus:
         """How it does now."""
@@ -195,8 +209,6 @@ def open_live(
     name: str | None,
     sampling: Sampling,
     options: LiveOptions,
-    *,
-    allow_size_change: bool = False,
 ) -> LiveSource | None:
     """Opens a camera or a stream; None if it is another source. Arguments as in `open_source`.
 
@@ -213,4 +225,4 @@ def open_live(
     kind = "camera" if isinstance(address, CameraAddress) else "stream"
     open_it = functools.partial(open_capture, address)
     reader = LiveReader(kind, name or address.name, address.shown, open_it, options)
-    return LiveSource(reader, sampling, allow_size_change=allow_size_change)
+    return LiveSource(reader, sampling)

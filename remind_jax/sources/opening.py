@@ -90,7 +90,8 @@ def open_source(
         them out as the original tracker does.
       image_fps: Images per second where there are no time stamps; left out, it is not known: an
         image is a tenth of a second.
-      allow_size_change: Yield frames whose size differs from the first; else they are skipped.
+      allow_size_change: Yield frames whose size differs from the first; else they are skipped, but
+        for those of a live source.
       class_names: Names of class ids (or instance ids of instance maps) of detections in memory.
       name: Name of the sequence; that of the file or folder if left out.
       duration: Seconds after which a live source ends.
@@ -118,7 +119,7 @@ def open_source(
         return spec
     json_file = None if metadata is None else _existing(metadata)
     choice = Choice(name, sequence, json_file, unlabelled, image_fps)
-    opened = open_live(spec, masks, name, chosen, live, allow_size_change=allow_size_change)
+    opened = open_live(spec, masks, name, chosen, live)
     if opened is not None:
         return opened
     live.refuse_for_recordings(str(spec)[:200] if isinstance(spec, str | Path) else "this source")

@@ -12,6 +12,7 @@ from remind_jax.frame import Frame
 from remind_jax.live_page import view as views
 from remind_jax.live_page.view import LiveView
 from remind_jax.outputs.run_records import MemoryUse
+from remind_jax.session.object_records import RememberedObject, Sight
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_run
 
@@ -62,6 +63,33 @@ def test_who_is_in_view_and_who_is_remembered(run):
     assert gone["unseen_s"] == pytest.approx(1.0)
     assert state["num_objects"] == len(known)
     json.dumps(state, allow_nan=False)
+
+
+def test_names_that_people_gave_are_shown(run):
+    view = LiveView("room", clock=Clock())
+    frame, tracks = run[0][25], dataclasses.replace(run[1].tracks[25], names={0: "my cup"})
+    show(view, run, *range(25))
+    view.show(frame, tracks, tracks)
+    state = view.state()
+    rows = [*state["remembered"], *state["timeline"]["rows"]]
+    assert "my cup" in {row["name"] for row in rows}
+    assert "cup 0" not in {row["name"] for row in rows}
+
+
+def test_objects_of_earlier_runs_are_remembered(run):
+    view = LiveView("room", clock=Clock())
+    met, unseen = RememberedObject(0, "cup", "", 7, Sight(1, 0), Sight(1, 9)), 99
+    away = dataclasses.replace(met, object_id=unseen, name="my hat", last=Sight(1, 8))
+    view.remember([away, met])
+    state = view.state()
+    assert [one["name"] for one in state["remembered"]] == ["cup 0", "my hat"]
+    assert (state["num_objects"], state["remembered"][0]["unseen_s"]) == (2, None)
+    json.dumps(state, allow_nan=False)
+    show(view, run, *range(60))
+    state = view.state()
+    assert state["num_objects"] == len(run[1].objects()) + 1
+    assert f"hat {unseen}" not in {one["name"] for one in state["remembered"]}
+    assert "cup 0" not in {one["name"] for one in state["remembered"] if one["unseen_s"] is None}
 
 
 def test_what_the_memory_holds_is_told(run):

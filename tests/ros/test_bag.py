@@ -76,6 +76,20 @@ def test_the_command_says_what_it_did(bag, tmp_path, capsys):
     assert read_ids(tmp_path / "again")[1][0][1] == read_ids(tmp_path / "out")[1][0][1]
 
 
+def test_messages_without_a_stamp_are_told(tmp_path):
+    with Writer(tmp_path / "in", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        kind, (picture, numbers) = "sensor_msgs/msg/Image", messages.scene(0)
+        for topic, said in zip(
+            TOPICS.names, (messages.image(picture), messages.image(numbers, "16UC1")), strict=True
+        ):
+            outlet = writer.add_connection(topic, kind, typestore=messages.TYPES)
+            writer.write(outlet, STEP_NS, messages.TYPES.serialize_cdr(said, kind))
+    done = identify_bag(tmp_path / "in", tmp_path / "out", TOPICS)
+    assert done.num_images == 0
+    assert len(done.refused) == 2
+    assert all("header.stamp" in why for why in done.refused)
+
+
 def test_what_cannot_be_done_is_said(bag, tmp_path, capsys):
     with pytest.raises(SourceError, match="has no topic '/other'; its topics: /camera/image"):
         identify_bag(bag, tmp_path / "out", BagTopics("/camera/image", detections="/other"))

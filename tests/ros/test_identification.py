@@ -35,8 +35,8 @@ def test_the_same_object_has_the_same_id(identification):
     assert len(set(ids[0])) == 2
     states = [[one.state for one in answer.identities.identities] for answer in answers]
     assert states == [[NEW, NEW]] + [[KNOWN, KNOWN]] * 11
+    assert [answer.identities.objects_known for answer in answers] == [2] * 12
     last = answers[-1].identities
-    assert last.objects_known == 2
     assert [one.name for one in last.identities] == [f"object {i}" for i in ids[0]]
 
 

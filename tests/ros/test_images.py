@@ -83,6 +83,8 @@ def test_what_cannot_be_read_is_refused_in_one_sentence():
     short.data = short.data[:-1]
     with pytest.raises(SourceError, match="143 bytes in all; needed are 24 and 144"):
         read_picture(short)
+    with pytest.raises(SourceError, match="'yuyv'"):
+        read_picture(messages.image(np.zeros((4, 5, 2), np.uint8), "yuyv"))
     empty = messages.image(PICTURE)
     empty.width = 0
     with pytest.raises(SourceError, match="0x6 pixels"):

@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from remind_jax.session.announcement import DETECTOR_DEFAULT
+from remind_jax.session.live import Tracker
 from tests.ros import messages
 
 WAIT_S = 300  # the first image waits for a compilation
@@ -51,7 +53,10 @@ class StandInNode:
                 self.logged.append(text)
                 self.changed.notify_all()
 
-        return types.SimpleNamespace(info=log, warning=log)
+        return types.SimpleNamespace(info=log, warning=log, error=log, fatal=log)
+
+    def destroy_node(self) -> None:
+        pass
 
     def receive(self, topic: str, message: Any) -> None:
         kind, callback = self.subscribed[topic]
@@ -69,18 +74,27 @@ class StandInNode:
 
 
 @pytest.fixture
-def start(monkeypatch):
-    """Starts the node with parameters; gives the stand-in and the node."""
-    started = []
+def install(monkeypatch):
+    """Makes a stand-in for a node with parameters; gives it and the module of the node."""
 
     def begin(**parameters: Any) -> tuple[StandInNode, Any]:
-        stand_in = StandInNode(parameters)
-        rclpy = types.ModuleType("rclpy")
-        rclpy.create_node = lambda name: stand_in  # pyright: ignore
-        qos = types.ModuleType("rclpy.qos")
-        qos.qos_profile_sensor_data = object()  # pyright: ignore
-        monkeypatch.setitem(sys.modules, "rclpy", rclpy)
-        monkeypatch.setitem(sys.modules, "rclpy.qos", qos)
+        stand_in, is_over = StandInNode(parameters), threading.Event()
+        parts: dict[str, dict[str, Any]] = {
+            "rclpy": {
+                "create_node": lambda name: stand_in,
+                "init": is_over.clear,
+                "ok": lambda: not is_over.is_set(),
+                "spin": lambda node: is_over.wait(WAIT_S),
+                "try_shutdown": is_over.set,
+            },
+            "rclpy.executors": {"ExternalShutdownException": type("Ended", (Exception,), {})},
+            "rclpy.logging": {"get_logger": lambda name: stand_in.get_logger()},
+            "rclpy.qos": {"qos_profile_sensor_data": object()},
+        }
+        for name, content in parts.items():
+            module = types.ModuleType(name)
+            vars(module).update(content)
+            monkeypatch.setitem(sys.modules, name, module)
         packages: dict[str, types.ModuleType] = {}
         for kind, cls in messages.TYPES.types.items():
             package, _, name = kind.split("/")
@@ -96,6 +110,18 @@ def start(monkeypatch):
         monkeypatch.delitem(sys.modules, "remind_ros.node", raising=False)
         node = importlib.import_module("remind_ros.node")
         monkeypatch.setattr(node, "make_ros_message", messages.make)
+        return stand_in, node
+
+    return begin
+
+
+@pytest.fixture
+def start(install):
+    """Starts the node with parameters; gives the stand-in and the node."""
+    started = []
+
+    def begin(**parameters: Any) -> tuple[StandInNode, Any]:
+        stand_in, node = install(**parameters)
         identity_node = node.IdentityNode()
         started.append(identity_node)
         return stand_in, identity_node
@@ -145,6 +171,80 @@ def test_memory_is_kept_between_starts(start, tmp_path):
     again, _ = start(**WITH_MAPS, memory=kept)
     show(again, 11)
     assert [one.id for one in again.published["~/detections"][-1].detections] == ids
+
+
+def test_a_refused_memory_ends_the_start_and_stays(install, tmp_path):
+    kept = tmp_path / "memory"
+    kept.write_bytes(b"cut off")
+    stand_in, node = install(**WITH_MAPS, memory=str(kept))
+    assert node.main() == 1
+    (why,) = stand_in.logged
+    assert str(kept) in why
+    assert kept.read_bytes() == b"cut off"
+
+
+def test_memory_is_kept_while_the_node_runs(start, tmp_path):
+    kept = tmp_path / "folder" / "memory"
+    node, _ = start(**WITH_MAPS, memory=str(kept), checkpoint_s=1e-6)
+    show(node, 0)
+    node.wait_for(lambda: len(node.logged) == 2)  # there is no such folder
+    assert "folder" in node.logged[1]
+    kept.parent.mkdir()
+    for index in range(1, 3):  # the first is done with when the second is answered
+        show(node, index)
+    again = Tracker()
+    again.load(kept)
+    assert int(again.state.frame) >= 2
+
+
+def test_no_checkpoints_without_seconds_between(start, tmp_path):
+    kept = tmp_path / "memory"
+    node, identity_node = start(**WITH_MAPS, memory=str(kept), checkpoint_s=0.0)
+    for index in range(2):
+        show(node, index)
+    assert not kept.exists()
+    identity_node.close()
+    assert kept.exists()
+
+
+def test_what_nobody_foresaw_ends_the_node_with_its_memory_kept(install, monkeypatch, tmp_path):
+    kept = tmp_path / "memory"
+    stand_in, node = install(**WITH_MAPS, memory=str(kept))
+    codes = []
+    spinning = threading.Thread(target=lambda: codes.append(node.main()))
+    spinning.start()
+    stand_in.wait_for(lambda: "~/rename" in stand_in.services)
+    show(stand_in, 0)
+    monkeypatch.setattr(node.Identification, "identify", lambda *_: 1 // 0)
+    send(stand_in, 1)
+    spinning.join(WAIT_S)
+    assert codes == [1]
+    assert any("ZeroDivisionError" in text for text in stand_in.logged)
+    assert kept.exists()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "after"),
+    [
+        ({"use_detections": True}, DETECTOR_DEFAULT),
+        ({"use_detections": True, "use_instances": True}, DETECTOR_DEFAULT),
+        (WITH_MAPS, 1),
+        ({"announce_after": 3}, 3),
+    ],
+)
+def test_objects_of_a_detector_get_their_id_late(start, parameters, after):
+    _, identity_node = start(**parameters)
+    assert identity_node._identification.tracker.announce_after == after
+
+
+def test_messages_without_a_stamp_are_left_out_and_told(start):
+    node, _ = start(**WITH_MAPS)
+    picture, _ = messages.scene(0)
+    node.receive("~/image", messages.image(picture))
+    (why,) = node.logged
+    assert "'~/image'" in why
+    assert "header.stamp" in why
+    show(node, 1)
 
 
 def test_services_say_what_they_did(start, tmp_path):

@@ -1,6 +1,8 @@
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from remind_jax.errors import SourceError
 from remind_ros.pairing import Pairing
 
 
@@ -30,7 +32,7 @@ def test_an_image_alone_is_complete():
     assert Pairing(("image",), 0).add("image", 3, "i") == [{"image": "i"}]
 
 
-@given(st.permutations([(topic, time) for topic in ("image", "boxes") for time in range(6)]))
+@given(st.permutations([(topic, time) for topic in ("image", "boxes") for time in range(1, 7)]))
 def test_sets_come_in_order_and_once(order):
     pairing = Pairing(("image", "boxes"), slop_ns=0)
     sets = [found for topic, time in order for found in pairing.add(topic, time, time)]
@@ -42,15 +44,28 @@ def test_sets_come_in_order_and_once(order):
 
 def test_no_more_wait_than_allowed():
     pairing = Pairing(("image", "boxes"), slop_ns=0, most=3)
-    for time in range(10):
+    for time in range(1, 11):
         pairing.add("image", time, time)
-    assert pairing.add("boxes", 6, 6) == []
-    assert pairing.add("boxes", 7, 7) == [{"image": 7, "boxes": 7}]
+    assert pairing.add("boxes", 7, 7) == []
+    assert pairing.add("boxes", 8, 8) == [{"image": 8, "boxes": 8}]
 
 
 def test_time_may_start_again():
     pairing = Pairing(("image",), slop_ns=0)
     assert pairing.add("image", 9_000_000_000, "late")
     assert pairing.add("image", 8_000_000_000, "too late") == []
-    assert pairing.add("image", 1_000_000_000, "again") == [{"image": "again"}]
-    assert pairing.add("image", 1_100_000_000, "next") == [{"image": "next"}]
+    assert pairing.add("image", 7_900_000_000, "again") == [{"image": "again"}]
+    assert pairing.add("image", 8_000_000_000, "next") == [{"image": "next"}]
+
+
+def test_what_waits_in_vain_is_let_go_where_time_starts_again():
+    pairing = Pairing(("image", "boxes"), slop_ns=0, most=3)
+    for time in range(3):
+        pairing.add("image", 9_000_000_000 + time, "nobody detects")
+    pairing.add("image", 1_000_000_000, "again")
+    assert pairing.add("boxes", 1_000_000_000, "b") == [{"image": "again", "boxes": "b"}]
+
+
+def test_a_message_needs_a_stamp():
+    with pytest.raises(SourceError, match="the stamp 0 ns"):
+        Pairing(("image",), 0).add("image", 0, "i")

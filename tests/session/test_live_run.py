@@ -6,12 +6,16 @@ import threading
 import time
 import urllib.request
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 import remind_jax as rj
+from remind_jax.cli.main import main
 from remind_jax.errors import OptionError, OutputError, SourceError
+from remind_jax.outputs.overlay import OVERLAY_NAME, is_playable
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import render_again
 from remind_jax.session.progress import Progress
@@ -123,6 +127,34 @@ def test_a_recorded_run_is_repeated_with_equal_identities_and_drawn_again(tmp_pa
     assert is_same(result, drawn)
     assert (out / "report.html").is_file()
     assert (out / "overlay.mp4").is_file()
+
+
+def test_a_camera_may_change_its_resolution(tmp_path):
+    out, switched = tmp_path / "out", threading.Event()
+
+    def make(number: int) -> bytes:
+        image = cameras.shown_at(number)[0][..., ::-1]
+        shown = image.repeat(2, 0).repeat(2, 1) if switched.is_set() else image
+        return cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+
+    def detect(image: np.ndarray) -> dict[str, Any]:
+        scale = image.shape[0] // scenes.HEIGHT_PX
+        found = cameras.detect(image[::scale, ::scale])
+        return {**found, "masks": found["masks"].repeat(scale, 1).repeat(scale, 2)}
+
+    def follow(progress: Progress) -> None:
+        if progress.num_done == 3:
+            switched.set()
+
+    options = {"out": out, "overlay": True, "record": tmp_path / "seen", "live": "127.0.0.1:0"}
+    with Camera(fps=20, make=make) as camera:
+        run(camera, detector=detect, sampling={"max_frames": 12}, progress=follow, **options)
+    result = Result.load(out)
+    sizes = [tracks.frame_size for tracks in result.tracks]
+    assert (len(sizes), len({*sizes})) == (12, 2)
+    assert all(len(tracks) for tracks in result.tracks)
+    assert main(["view", str(out), "--source", str(tmp_path / "seen"), "--quiet"]) == 0
+    assert is_playable(out / OVERLAY_NAME)
 
 
 def test_ctrl_c_ends_a_live_run_well(tmp_path):

@@ -1,5 +1,6 @@
 """Streams as sources: newest frames, counted gaps, connections lost and found again."""
 
+import functools
 import gc
 import math
 import threading
@@ -9,9 +10,12 @@ import numpy as np
 import pytest
 
 import remind_jax as rj
-from remind_jax.errors import OptionError, SourceError
-from remind_jax.sources import LiveSource
-from remind_jax.sources.live_source import PASSED_OVER, LiveOptions
+from remind_jax.errors import OptionError, SourceError, UnreadableFrame
+from remind_jax.frame import SkippedFrame
+from remind_jax.sources import LiveSource, Sampling
+from remind_jax.sources.capture import Picture
+from remind_jax.sources.live_source import PASSED_OVER, LiveOptions, LiveReader
+from remind_jax.sources.source import Content
 from tests.sources.cameras import Camera, number_in
 from tests.sources.rtsp_camera import RtspCamera
 from tests.sources.test_feed import wait_for
@@ -54,6 +58,37 @@ def test_a_slow_reader_gets_the_newest_frame_and_the_gaps_are_counted():
     (passed_over,) = source.skipped
     assert (passed_over.reason, passed_over.count) == (PASSED_OVER, (gaps - 1).sum())
     assert source.status().num_missed == passed_over.count
+
+
+class Growing:
+    """Larger and larger pictures, every second one damaged; each when the last was looked at."""
+
+    def __init__(self) -> None:
+        self.num, self.looked_at = 0, threading.Semaphore()
+
+    def read(self) -> Picture | None:
+        self.looked_at.acquire(timeout=20)
+        self.num += 1
+        return functools.partial(self._look, self.num) if self.num < 7 else None
+
+    def _look(self, number: int) -> Content:
+        self.looked_at.release()
+        if number % 2 == 0:
+            raise UnreadableFrame("the picture is damaged")
+        return Content(np.zeros((8, 8 * number, 3), np.uint8))
+
+    def close(self) -> None:
+        pass
+
+
+def test_frames_may_change_their_size_and_damaged_ones_are_counted():
+    capture = Growing()
+    reader = LiveReader("stream", "it", "it", lambda wait_s: capture, LiveOptions(reconnect=0))
+    source = LiveSource(reader, Sampling())
+    assert [frame.size for frame in source] == [(8, 8), (8, 24), (8, 40)]
+    assert source.skipped == [SkippedFrame("000001", "the picture is damaged", 3)]
+    assert len([news for news in source.take_news() if "is damaged" in news]) == 1
+    assert source.take_news() == []
 
 
 def test_times_are_those_of_arrival():

@@ -16,7 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from remind_jax.errors import OutputError, RemindError, SourceError
 from remind_jax.session.live import Tracker
 from remind_ros.definitions import add_types
-from remind_ros.identification import Identification
+from remind_ros.identification import Identification, make_tracker
 from remind_ros.pairing import Pairing, stamp_ns
 
 PUBLISHED = {
@@ -45,8 +45,8 @@ class BagSummary:
 
     num_images: int  # that were answered
     num_detections: int
-    num_objects: int  # in memory at the end
-    refused: tuple[str, ...]  # why images were left out, one sentence each
+    num_objects: int  # in memory at the end, with an id
+    refused: tuple[str, ...]  # why images and messages were left out, one sentence each
 
 
 def identify_bag(
@@ -81,7 +81,7 @@ def identify_bag(
             (kind, writer.add_connection(topic, kind, typestore=types))
             for topic, kind in PUBLISHED.items()
         ]
-        for time_ns, parts in _read_sets(reader, pairing, topics):
+        for time_ns, parts in _read_sets(reader, pairing, topics, refused):
             try:
                 answer = identification.identify(*parts)
             except SourceError as error:
@@ -92,7 +92,7 @@ def identify_bag(
             said = (answer.detections, answer.identities)
             for (kind, outlet), message in zip(outlets, said, strict=True):
                 writer.write(outlet, time_ns, types.serialize_cdr(message, kind))
-    num_objects = identification.tracker.num_objects
+    num_objects = identification.num_objects
     return BagSummary(num_images, num_detections, num_objects, tuple(refused))
 
 
@@ -127,13 +127,18 @@ def _create(target: str | Path) -> Iterator[Writer]:
 
 
 def _read_sets(
-    reader: AnyReader, pairing: Pairing, topics: BagTopics
+    reader: AnyReader, pairing: Pairing, topics: BagTopics, refused: list[str]
 ) -> Iterator[tuple[int, list[Any]]]:
     """Complete sets of image, instance map and detections, with the bag's time in nanoseconds."""
     wanted = [one for one in reader.connections if one.topic in topics.names]
     for connection, time_ns, raw in reader.messages(wanted):
         message = reader.deserialize(raw, connection.msgtype)
-        for found in pairing.add(connection.topic, stamp_ns(message), message):
+        try:
+            sets = pairing.add(connection.topic, stamp_ns(message), message)
+        except SourceError as error:
+            refused.append(f"message at {time_ns} ns: {error}")
+            continue
+        for found in sets:
             yield time_ns, [found.get(name) for name in dataclasses.astuple(topics)]
 
 
@@ -156,13 +161,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--detections", default="", metavar="TOPIC", help="Detection2DArray")
     parser.add_argument("--config", default="default", help="name or YAML file")
     parser.add_argument("--backbone", default="patch-statistics", help="patch features")
+    parser.add_argument("--announce-after", type=int, default=0, help="detections until an id")
     parser.add_argument("--load", type=Path, metavar="FILE", help="memory to go on from")
     parser.add_argument("--save", type=Path, metavar="FILE", help="where the memory is kept")
     parser.add_argument("--slop-s", type=float, default=0.01, help="between stamps of one image")
     given = parser.parse_args(arguments)
     topics = BagTopics(given.image, given.instances, given.detections)
     try:
-        tracker = Tracker(given.config, given.backbone)
+        has_detector = bool(given.detections)
+        tracker = make_tracker(given.config, given.backbone, given.announce_after, has_detector)
         if given.load is not None:
             tracker.load(given.load)
         done = identify_bag(given.source, given.target, topics, tracker, slop_s=given.slop_s)

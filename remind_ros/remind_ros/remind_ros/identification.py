@@ -14,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import SourceError
+from remind_jax.session.announcement import choose_after
 from remind_jax.session.live import Tracker
 from remind_jax.tracks import Tracks, title_of
 from remind_ros.detections import read_detections
@@ -44,6 +46,17 @@ class Identified:
     tracks: Tracks
 
 
+def make_tracker(config: str, backbone: str, announce_after: int, has_detector: bool) -> Tracker:
+    """The tracker of these settings; 0 for `announce_after` chooses it as `rj.run` does.
+
+    Raises:
+      RemindError: If one of them is unknown or does not fit.
+    """
+    settings = load_config(config)
+    after = choose_after(announce_after, settings.input.announce_after, has_detector)
+    return Tracker(settings, backbone, announce_after=after)
+
+
 class Identification:
     """Takes images with detections, and says who is who."""
 
@@ -64,6 +77,11 @@ class Identification:
         self.num_skipped = 0  # images, because the tracker was busy
         self._make = make
         self._class_names = dict(class_names or {})
+
+    @property
+    def num_objects(self) -> int:
+        """Objects in memory that got an id."""
+        return len(self.tracker.objects())
 
     def identify(self, image: Any, instance_map: Any = None, boxes: Any = None) -> Identified:
         """Takes the next image.
@@ -93,7 +111,7 @@ class Identification:
             "remind_ros_interfaces/msg/Identities",
             header=image.header,
             identities=[self._identity(tracks, row) for row in rows],
-            objects_known=self.tracker.num_objects,
+            objects_known=self.num_objects,
             images_skipped=self.num_skipped,
             step_ms=step_ms,
         )
@@ -106,7 +124,7 @@ class Identification:
           RemindError: If there is nothing to write, or it cannot be written.
         """
         self.tracker.save(path)
-        return f"{self.tracker.num_objects} objects were written to {path}"
+        return f"{self.num_objects} objects were written to {path}"
 
     def load(self, path: str | Path) -> str:
         """Goes on from a memory file; says what was read.
@@ -115,7 +133,7 @@ class Identification:
           RemindError: If it cannot be read, or does not fit; memory is as before.
         """
         self.tracker.load(path)
-        return f"{self.tracker.num_objects} objects were read from {path}"
+        return f"{self.num_objects} objects were read from {path}"
 
     def rename(self, object_id: str, name: str) -> str:
         """Calls an object by a name from now on; by its class and number again if it is empty.
@@ -134,7 +152,7 @@ class Identification:
 
     def reset(self) -> str:
         """Forgets everything; says how much it was."""
-        num = self.tracker.num_objects
+        num = self.num_objects
         self.tracker.reset()
         return f"{num} objects were forgotten"
 

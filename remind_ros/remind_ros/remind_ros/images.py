@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Int, UInt8
 
-from remind_jax.errors import SourceError
+from remind_jax.errors import SourceError, first_line
 
 # Kind of a pixel, its channels, and how OpenCV turns it into RGB.
 _PICTURES: dict[str, tuple[type, int, int | None]] = {
@@ -46,6 +46,16 @@ def read_picture(message: Any) -> UInt8[np.ndarray, "H W 3"]:
     Raises:
       SourceError: If the encoding is not one of a color or gray picture, or the data is damaged.
     """
+    try:
+        return _decode(message)
+    except cv2.error as error:
+        kind = message.encoding if hasattr(message, "encoding") else message.format
+        raise SourceError(
+            f"an image ('{kind}') cannot be converted ({first_line(error)}); send rgb8 or JPEG"
+        ) from error
+
+
+def _decode(message: Any) -> UInt8[np.ndarray, "H W 3"]:
     if not hasattr(message, "encoding"):
         data = np.frombuffer(memoryview(message.data), np.uint8)
         flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION

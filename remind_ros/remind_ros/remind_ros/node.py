@@ -10,26 +10,31 @@ from __future__ import annotations
 import array
 import importlib
 import threading
+import time
+import traceback
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.logging import get_logger
 from rclpy.qos import qos_profile_sensor_data
 
-from remind_jax.config import load_config
-from remind_jax.errors import RemindError, SourceError
-from remind_jax.session.live import Tracker
-from remind_ros.identification import Identification
+from remind_jax.errors import OutputError, RemindError, SourceError
+from remind_jax.files import as_path
+from remind_ros.identification import Identification, make_tracker
 from remind_ros.pairing import Pairing, stamp_ns
 
 _PARAMETERS: dict[str, Any] = {
     "config": "default",  # name or YAML file of remind-jax
     "backbone": "patch-statistics",
-    "memory": "",  # file: read at the start if it exists, written by ~/save and at the end
+    "memory": "",  # file: read at the start if it exists, written by ~/save and at the end, and
+    "checkpoint_s": 30.0,  # every so many seconds in between; 0.0 for the end alone
     "compressed": False,  # whether images are sensor_msgs/CompressedImage
     "use_instances": False,  # instance maps in ~/instances
     "use_detections": True,  # vision_msgs/Detection2DArray in ~/detections_in
+    "announce_after": 0,  # detections until an object gets its id; 0 chooses
     "slop_s": 0.01,  # between stamps of one image
     "class_ids": [""],  # ids of the detector, and
     "class_names": [""],  # what to call each of them
@@ -50,7 +55,11 @@ def make_ros_message(kind: str, **fields: Any) -> Any:
 
 
 class IdentityNode:
-    """Publishes who is who in the images that its node subscribes to."""
+    """Publishes who is who in the images that its node subscribes to.
+
+    Attributes:
+      has_failed: Whether it ended by an error that nobody foresaw.
+    """
 
     def __init__(self) -> None:
         self.node = rclpy.create_node("remind")
@@ -60,8 +69,12 @@ class IdentityNode:
         }
         names = dict(zip(given["class_ids"], given["class_names"], strict=False))
         names.pop("", None)
-        tracker = Tracker(load_config(given["config"]), given["backbone"])
-        self._memory = given["memory"]
+        tracker = make_tracker(
+            given["config"], given["backbone"], given["announce_after"], given["use_detections"]
+        )
+        self._memory, self._checkpoint_s = given["memory"], given["checkpoint_s"]
+        self._kept_at = time.monotonic()
+        self.has_failed = False
         self._identification = Identification(make_ros_message, tracker, names)
         self._lock = threading.Lock()  # of the tracker
         self._prepare(given)
@@ -81,7 +94,7 @@ class IdentityNode:
         self._next: dict[str, Any] | None = None
         self._changed = threading.Condition()
         self._is_open = True
-        self._worker = threading.Thread(target=self._answer_images, daemon=True)
+        self._worker = threading.Thread(target=self._work, daemon=True)
         self._worker.start()
 
     def close(self) -> None:
@@ -90,16 +103,15 @@ class IdentityNode:
             self._is_open = False
             self._changed.notify()
         self._worker.join()
-        if self._memory and self._identification.tracker.num_objects:
+        if self._memory and self._identification.tracker.state is not None:
             self.node.get_logger().info(self._identification.save(self._memory))
 
     def _prepare(self, given: dict[str, Any]) -> None:
         """Reads the memory that there is, and prepares programs if the size is known."""
-        if self._memory:
-            try:
-                self.node.get_logger().info(self._identification.load(self._memory))
-            except RemindError as error:
-                self.node.get_logger().warning(f"starting with an empty memory: {error}")
+        if self._memory and as_path(self._memory, "the memory file", OutputError).exists():
+            self.node.get_logger().info(self._identification.load(self._memory))
+        elif self._memory:
+            self.node.get_logger().info(f"starting with an empty memory: no file {self._memory}")
         size = (given["image_height"], given["image_width"])
         if all(size):
             seconds = self._identification.tracker.warm_up(size)
@@ -124,7 +136,12 @@ class IdentityNode:
 
     def _receiver(self, topic: str) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
-            for found in self._pairing.add(topic, stamp_ns(message), message):
+            try:
+                sets = self._pairing.add(topic, stamp_ns(message), message)
+            except SourceError as error:
+                self.node.get_logger().warning(f"left out: {error}", throttle_duration_sec=10.0)
+                return
+            for found in sets:
                 with self._changed:
                     self._identification.num_skipped += self._next is not None
                     self._next = found
@@ -153,6 +170,28 @@ class IdentityNode:
             raise SourceError("name a path, or set the parameter 'memory'")
         return request.path or self._memory
 
+    def _work(self) -> None:
+        """Answers images; an error that nobody foresaw ends the node, so that it is seen."""
+        try:
+            self._answer_images()
+        except Exception:
+            if rclpy.ok():  # else the node ends already, and nothing can be published any more
+                self.has_failed = True
+                self.node.get_logger().fatal(traceback.format_exc())
+                rclpy.try_shutdown()
+
+    def _checkpoint(self) -> None:
+        """Writes the memory if it is time to."""
+        due = self._kept_at + self._checkpoint_s
+        if not self._memory or self._checkpoint_s <= 0 or time.monotonic() < due:
+            return
+        try:
+            with self._lock:
+                self._identification.tracker.checkpoint(self._memory)
+        except RemindError as error:
+            self.node.get_logger().error(f"the memory was not kept: {error}")
+        self._kept_at = time.monotonic()
+
     def _answer_images(self) -> None:
         """Answers the newest image, over and over."""
         while True:
@@ -173,6 +212,7 @@ class IdentityNode:
                 continue
             self._outlets["detections"].publish(answer.detections)
             self._outlets["identities"].publish(answer.identities)
+            self._checkpoint()
 
 
 def _type(kind: str) -> Any:
@@ -180,19 +220,25 @@ def _type(kind: str) -> Any:
     return getattr(importlib.import_module(f"{package}.{group}"), name)
 
 
-def main() -> None:
-    """Runs the node until it is told to end."""
+def main() -> int:
+    """Runs the node until it is told to end; returns its exit code."""
     rclpy.init()
-    identity_node = IdentityNode()
     try:
-        rclpy.spin(identity_node.node)
-    except KeyboardInterrupt:
-        pass
+        identity_node = IdentityNode()
+        try:
+            rclpy.spin(identity_node.node)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        finally:
+            identity_node.close()
+            identity_node.node.destroy_node()
+    except RemindError as error:
+        get_logger("remind").fatal(str(error))
+        return 1
     finally:
-        identity_node.close()
-        identity_node.node.destroy_node()
         rclpy.try_shutdown()
+    return int(identity_node.has_failed)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

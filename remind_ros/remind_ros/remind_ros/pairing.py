@@ -6,7 +6,11 @@ import bisect
 from collections.abc import Sequence
 from typing import Any
 
-_RESTART_NS = 5_000_000_000  # a message older than the last answer by this starts a new time
+from remind_jax.errors import SourceError
+
+# A message older than another of its topic by this starts a new time; what comes out of order, as
+# from a detector that answers several images at once, is nearer.
+_RESTART_NS = 1_000_000_000
 
 
 class Pairing:
@@ -28,12 +32,24 @@ class Pairing:
         self._slop_ns, self._most = slop_ns, most
         self._waiting: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics}
         self._done_ns = dict.fromkeys(topics, -1)  # stamps of the last complete set
+        self._newest_ns = dict(self._done_ns)
 
     def add(self, topic: str, stamp_ns: int, message: Any) -> list[dict[str, Any]]:
-        """Takes a message; gives the sets, by topic, that it completes, oldest first."""
-        if stamp_ns < self._done_ns[topic] - _RESTART_NS:
+        """Takes a message; gives the sets, by topic, that it completes, oldest first.
+
+        Raises:
+          SourceError: If nobody set its stamp.
+        """
+        if stamp_ns <= 0:
+            raise SourceError(
+                f"a message of '{topic}' has the stamp {stamp_ns} ns; messages of one image are "
+                "found by stamps above 0, so have its sender set 'header.stamp'"
+            )
+        if stamp_ns < self._newest_ns[topic] - _RESTART_NS:
             self._waiting = {name: [] for name in self._waiting}
             self._done_ns = dict.fromkeys(self._waiting, -1)
+            self._newest_ns = dict(self._done_ns)
+        self._newest_ns[topic] = max(self._newest_ns[topic], stamp_ns)
         waiting = self._waiting[topic]
         if stamp_ns <= self._done_ns[topic]:
             return []
