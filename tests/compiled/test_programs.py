@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.core import Tracer
 
 from remind_jax.compiled.programs import (
     KeptFunction,
@@ -107,8 +108,8 @@ def test_nothing_is_compiled_where_jit_is_off(folder):
         assert KeptFunction("double", double, ())(jnp.ones(2)).tolist() == [2, 2]
         run = get_program(Recipe("double-off", double, shapes_of(jnp.ones(2)), ()))
         assert run(jnp.ones(2))[0].tolist() == [2, 2]
-    assert not isinstance(seen[0], jax.core.Tracer)
-    assert not isinstance(seen[-1], jax.core.Tracer)
+    assert not isinstance(seen[0], Tracer)
+    assert not isinstance(seen[-1], Tracer)
 
 
 def test_a_kept_function_is_itself_under_jit(folder):

@@ -1,4 +1,5 @@
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -248,11 +249,10 @@ def test_numbers_of_numpy_are_checked_like_others():
         load_config({"decision.firm": np.float32(-5)})
     with pytest.raises(ConfigError, match=r"commit_age in changes is 3\.5"):
         load_config({"decision.commit_age": np.float64(3.5)})
-    values = load_config(
-        {"decision.commit_age": np.int64(3), "motion.checked": np.False_}
-    ).thresholds
-    assert type(values.decision.commit_age) is int
-    assert values.motion.checked is False
+    config = load_config({"decision.commit_age": np.int64(3), "motion.checked": np.False_})
+    thresholds: Any = config.thresholds
+    assert type(thresholds.decision.commit_age) is int
+    assert thresholds.motion.checked is False
 
 
 def test_growing_doubles_until_it_fits():

@@ -139,11 +139,8 @@ def test_what_rests_in_either_memory_is_matched_like_the_others():
         at_rest.append(ObjectsAtRest())
         empty = memory()
         states[number] = at_rest[-1].archive.rest(states[number], empty, slots)
-    state, found = join(
-        *(Joining(one, rest, {}) for one, rest in zip(states, at_rest, strict=True)),
-        ONE_CLASS,
-        PlusThresholds(),
-    )
+    this, that = (Joining(one, rest, {}) for one, rest in zip(states, at_rest, strict=True))
+    state, found = join(this, that, ONE_CLASS, PlusThresholds())
     assert sorted(found.matched) == [(one, 40 + one) for one in range(5)]
     assert sorted(at_rest[0].ids()) == [0, 1, 3, *range(40, 45)]
     assert by_id(state)["id"].tolist() == [2, 4]
