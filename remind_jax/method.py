@@ -61,6 +61,13 @@ class AtRest(Protocol):
         """The memory with what the next frame may show; None if nothing comes."""
         ...
 
+    def settle(self, state: Any) -> None:
+        """Lets go of what is in the memory now: the calls above add to here, and take nothing away.
+
+        So nothing is lost where one of them is stopped before its answer is kept, as by Ctrl-C.
+        """
+        ...
+
     def ids(self) -> list[int]:
         """Ids of all objects at rest."""
         ...

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -21,12 +22,17 @@ from remind_jax.compiled.programs import (
     Recipe,
     get_program,
     identify,
+    is_jit_off,
     is_of_this_package,
     shapes_of,
 )
 from remind_jax.method import Method
 from remind_jax.observation import AnyFeats
 from remind_jax.static import Static
+
+# A memory of so many bytes at most stays beside the one after the frame, so that Ctrl-C within a
+# step loses nothing. For two larger ones there may be no room, and to copy them takes its time.
+_SMALL_BYTES = 16 << 20
 
 
 @jax.tree_util.register_dataclass
@@ -101,7 +107,8 @@ class FrameStep:
         return [one for both in self._prepared.values() for one in (both.describe, both.decide)]
 
     def _programs(self, leaves: list[Any], structure: Any, static: Static) -> _Programs:
-        key = (structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves), static)
+        shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
+        key = (structure, shapes, static, is_jit_off())
         found = self._prepared.get(key)
         if found is None:
             found = self._prepared[key] = self._make(structure, shapes_of(leaves), static)
@@ -145,13 +152,13 @@ class FrameStep:
         given: Any,
         static: Static,
     ) -> Program:
-        """The program of `run(state, given)` and of its readout.
-
-        The memory before stays as it is, for a step that fails or is stopped by Ctrl-C.
-        """
+        """The program of `run(state, given)` and of its readout; may take over a large memory."""
         memory = jax.eval_shape(Bundle.of, state)
         memory_shapes, memory_structure = shapes_of(memory), jax.tree.structure(memory)
         given_leaves, given_structure = jax.tree.flatten(given)
+        num_bytes = sum(math.prod(one.shape) * one.dtype.itemsize for one in memory_shapes)
+        # Where own code fails, the memory before stays as well.
+        is_ours = all(map(is_of_this_package, (self._method.describe, self._method.decide)))
 
         def on_leaves(*leaves: Any) -> Any:
             before = jax.tree.unflatten(memory_structure, leaves[: len(memory_shapes)]).unpack()
@@ -170,6 +177,7 @@ class FrameStep:
                 on_leaves,
                 (*memory_shapes, *shapes_of(given_leaves)),
                 (identify(self._method.decide), self._is_traced, static, given_structure),
+                num_donated=len(memory_shapes) if is_ours and num_bytes > _SMALL_BYTES else 0,
                 # The structure of a trace is not kept.
                 is_kept=self._is_kept(self._method.decide, static) and not self._is_traced,
             )

@@ -75,7 +75,7 @@ def get_program(recipe: Recipe) -> Program:
 
     Whoever asks for a program that another thread is making waits for that thread.
     """
-    if _is_jit_off():
+    if is_jit_off():
         outputs, structure = jax.tree.flatten(jax.eval_shape(recipe.function, *recipe.shapes))
         run = lambda *leaves: jax.tree.leaves(recipe.function(*map(jnp.asarray, leaves)))  # noqa: E731
         return Program(run, shapes_of(outputs), 0, structure)
@@ -104,7 +104,7 @@ def get_program(recipe: Recipe) -> Program:
     return program
 
 
-def _is_jit_off() -> bool:
+def is_jit_off() -> bool:
     """Whether somebody looks into what would be compiled (`jax.disable_jit`)."""
     return jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -158,7 +158,7 @@ class KeptFunction:
     def __call__(self, *args: Any) -> Any:
         """What the function gives."""
         leaves, structure = jax.tree.flatten(args)
-        if _is_jit_off() or any(isinstance(leaf, Tracer) for leaf in leaves):
+        if is_jit_off() or any(isinstance(leaf, Tracer) for leaf in leaves):
             return self._function(*args)
 
         def on_leaves(*leaves: Any) -> Any:

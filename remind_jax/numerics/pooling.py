@@ -93,7 +93,7 @@ def is_largest(
     key = jnp.where(members, key, jnp.uint32(0))
 
     def lower_bit(step: Int[Array, ""], bound: Array) -> Array:
-        trial = bound | (jnp.uint32(1) << (31 - step).astype(jnp.uint32))
+        trial = bound | (jnp.uint32(1) << jnp.uint32(31 - step))
         enough = jnp.sum(key >= trial[:, None], axis=-1) >= wanted
         return jnp.where(enough, trial, bound)
 

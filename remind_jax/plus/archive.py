@@ -165,7 +165,7 @@ class Archive:
     def wake(
         self, state: PlusState, ids: Iterable[int], center: Float[np.ndarray, "2"]
     ) -> PlusState:
-        """Moves objects into free slots of a memory of host arrays.
+        """Puts objects into free slots of a memory of host arrays; they rest until `settle`.
 
         Args:
           state: The memory, which has room for them.
@@ -178,7 +178,7 @@ class Archive:
         free = iter(np.flatnonzero(objects.id == NO_ID).tolist())
         woken = []
         for object_id in ids:
-            slot, one = next(free), self._let_go(object_id)
+            slot, one = next(free), self._resting[object_id]
             for name, value in one.values.items():
                 getattr(objects, name)[slot] = value
             count = len(one.bank)
@@ -199,6 +199,11 @@ class Archive:
         meet = (others != NO_SLOT) & (np.isin(slots, woken) | np.isin(others, woken))
         _relate(pairs, slots[meet], others[meet], partners[meet])
         return dataclasses.replace(state, objects=objects, pairs=pairs)
+
+    def settle(self, state: PlusState) -> None:
+        """Lets go of objects at rest that are in the memory."""
+        for object_id in {*np.asarray(state.objects.id).tolist()} & self._resting.keys():
+            self._let_go(object_id)
 
     def forget(self, ids: Collection[int]) -> None:
         """Lets objects go, at rest or not, with all that was known of them beside others."""

@@ -38,53 +38,64 @@ def join(
     here, partners_here = this.at_rest.archive.with_working_set(state)
     there, partners_there = that.at_rest.archive.with_working_set(other)
     there |= {one.id: one for one in _ended(other, t.decision)}
-    shift, later = int(state.next_id), int(state.frame) - int(other.frame)
-    moved = {one: _moved(of_one, shift, later, class_ids) for one, of_one in there.items()}
-    copies = _find_copies(here, moved)
-    ids = {one: one + shift for one in there} | copies
-    moved = {one: of_one for one, of_one in moved.items() if one not in copies}
-    partners = {ids[one]: _renamed(partners_there.get(one, NO_PARTNERS), ids) for one in moved}
-    state = dataclasses.replace(state, next_id=np.int32(shift + int(other.next_id)))
+    coming = here | {one.id: one for one in _ended(state, t.decision)}
+    copies = _find_copies(coming, there, class_ids)
+    new = [one for one in there if one not in copies]
+    first, later = int(state.next_id), int(state.frame) - int(other.frame)
+    ids = {one: first + place for place, one in enumerate(new)} | copies
+    moved = [_moved(there[one], ids[one], later, class_ids) for one in new]
+    partners = {ids[one]: _renamed(partners_there.get(one, NO_PARTNERS), ids) for one in new}
+    state = dataclasses.replace(state, next_id=np.int32(first + len(new)))
     # What was declared one there is so here, with all that it was declared to be here.
     declared = {
-        ids[new]: this.merged_into.get(copies[old], copies[old])
+        ids[one]: this.merged_into.get(copies[old], copies[old])
         for pair in that.merged_into.items()
-        for old, new in (pair, pair[::-1])
-        if old in copies and new in moved
+        for old, one in (pair, pair[::-1])
+        if old in copies and one in new
     }
-    matched = [(known, new) for new, known in declared.items()]
+    matched = [(known, one) for one, known in declared.items()]
     ambiguous: dict[int, tuple[int, ...]] = {}
-    apart = {one: of_one for one, of_one in here.items() if one not in this.merged_into}
-    asking = {
-        of_one.id: of_one
-        for one, of_one in moved.items()
-        if one not in that.merged_into and of_one.id not in declared
+    known = Side.of(here, partners_here, this.merged_into)
+    merged = {
+        ids[gone]: ids[kept]
+        for gone, kept in that.merged_into.items()
+        if gone in ids and kept in ids
     }
-    known = Side.of(apart, partners_here)
-    added = Side.of(asking, partners)
+    asking = {one.id: one for one in moved if not {one.id, merged.get(one.id)} & declared.keys()}
+    added = Side.of(asking, partners, merged)
     if known.objects and added.objects:
-        known_ids, new_ids = ([one.id for one in side.objects] for side in (known, added))
         row, doubted = match(known, added, state.scene, t)
+        known_ids, new_ids = ([one.id for one in side.objects] for side in (known, added))
         matched += [(known_ids[row[m]], new_ids[m]) for m in np.flatnonzero(row != NOBODY)]
         ambiguous = {new_ids[m]: tuple(known_ids[r] for r in rows) for m, rows in doubted.items()}
-    this.at_rest.archive.take_in(list(moved.values()), partners, state)
-    return state, Joined({one: ids[one] for one in moved}, tuple(matched), ambiguous)
+    this.at_rest.archive.take_in(moved, partners, state)
+    return state, Joined({one: ids[one] for one in new}, tuple(matched), ambiguous)
 
 
-def _find_copies(here: Mapping[int, Resting], moved: Mapping[int, Resting]) -> dict[int, int]:
+def _find_copies(
+    here: Mapping[int, Resting],
+    there: Mapping[int, Resting],
+    class_ids: Int[np.ndarray, "classes"],
+) -> dict[int, int]:
     """Objects that were joined before and were not seen since, and their ids here."""
 
-    def key_of(one: Resting) -> tuple[int, bytes]:
-        return int(one.values["class_id"]), one.bank.tobytes()
+    def key_of(class_id: int, one: Resting) -> tuple[int, bytes]:
+        return class_id, one.bank.tobytes()
 
-    known = {key_of(one): one.id for one in here.values() if len(one.bank)}
-    return {one: known[key_of(of_one)] for one, of_one in moved.items() if key_of(of_one) in known}
+    known = {
+        key_of(int(one.values["class_id"]), one): one.id for one in here.values() if len(one.bank)
+    }
+    keys = {
+        one: key_of(int(class_ids[of_one.values["class_id"]]), of_one)
+        for one, of_one in there.items()
+    }
+    return {one: known[key] for one, key in keys.items() if key in known}
 
 
-def _moved(one: Resting, shift: int, later: int, class_ids: Int[np.ndarray, "classes"]) -> Resting:
+def _moved(one: Resting, new_id: int, later: int, class_ids: Int[np.ndarray, "classes"]) -> Resting:
     """An object under its id here, last seen as long ago as it was there."""
     changed = {
-        "id": one.values["id"] + np.int32(shift),
+        "id": np.int32(new_id),
         "class_id": np.int32(class_ids[one.values["class_id"]]),
         "last": one.values["last"] + np.int32(later),
     }

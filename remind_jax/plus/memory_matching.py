@@ -10,6 +10,7 @@ in. Evidence is in log odds.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -54,10 +55,16 @@ class Side(NamedTuple):
     first: Int[np.ndarray, "R"]  # row of an object, and ...
     second: Int[np.ndarray, "R"]  # ... of one that was seen with it
     partner: np.ndarray  # what is known of the two: fields as in `Archive.partners`
+    group: Int[np.ndarray, "R"]  # row that stands for all that were declared to be one object
 
     @classmethod
-    def of(cls, objects: Mapping[int, Resting], partners: Mapping[int, np.ndarray]) -> Side:
-        """Those that have looks, sorted by the rows of pairs."""
+    def of(
+        cls,
+        objects: Mapping[int, Resting],
+        partners: Mapping[int, np.ndarray],
+        merged_into: Mapping[int, int] = MappingProxyType({}),
+    ) -> Side:
+        """Those that have looks, sorted by the rows of pairs; some were declared to be others."""
         kept = [one for one in objects.values() if len(one.bank)]
         row_of = {one.id: row for row, one in enumerate(kept)}
         of_each = [partners.get(one.id, NO_PARTNERS) for one in kept]
@@ -73,7 +80,10 @@ class Side(NamedTuple):
         present = np.flatnonzero((first != NOBODY) & (second != NOBODY))
         keys = first[present] * len(kept) + second[present]
         order = present[np.unique(keys, return_index=True)[1]]  # sorted, each once
-        return cls(kept, first[order], second[order], partner[order])
+        shown = [merged_into.get(one.id, one.id) for one in kept]
+        row_of_shown = {one: row_of.get(one, shown.index(one)) for one in set(shown)}
+        group = np.array([row_of_shown[one] for one in shown], int)
+        return cls(kept, first[order], second[order], partner[order], group)
 
     def values(self, name: str) -> np.ndarray:
         """A field of all objects."""
@@ -107,7 +117,11 @@ def match(
     candidates = _find_candidates(here, there, scene, t.names)
     base = _own_evidence(here, there, candidates, scene, t)
     odds = _weigh_company(base, _ask_company(here, there, candidates, t), t)
-    return _decide(odds, candidates.row, len(here.objects), _expect_new(odds, t.decision))
+    asking, row, odds = _by_group(odds, candidates.row, here.group, there.group)
+    found, doubted = _decide(odds, row, len(here.objects), _expect_new(odds, t.decision))
+    of_all, standing = np.full(len(there.objects), NOBODY), there.group[asking]
+    of_all[standing] = found
+    return of_all, {int(standing[m]): rows for m, rows in doubted.items()}
 
 
 def _find_candidates(here: Side, there: Side, scene: Scene, t: th.Names) -> _Candidates:
@@ -271,6 +285,28 @@ def _expect_new(odds: Float[np.ndarray, "M C"], t: th.Decision) -> float:
         share = np.clip(np.mean(seem_new), LEAST_NEW, 1.0 - LEAST_NEWNESS)
         new = float(t.new + t.familiarity * np.log(share / (1.0 - share)))
     return new
+
+
+def _by_group(
+    odds: Float[np.ndarray, "M C"],
+    row: Int[np.ndarray, "M C"],
+    here: Int[np.ndarray, "R"],
+    there: Int[np.ndarray, "M"],
+) -> tuple[Int[np.ndarray, "G"], Int[np.ndarray, "G C"], Float[np.ndarray, "G C"]]:
+    """What was declared one, by its likeliest member there and the likeliest member of each here.
+
+    Returns:
+      Rows there, and of each the rows that stand for its candidates here and their log odds.
+    """
+    best_first = np.argsort(-odds, axis=1, kind="stable")
+    odds, row = (np.take_along_axis(values, best_first, axis=1) for values in (odds, row))
+    group = np.where(row == NOBODY, NOBODY, here[row])
+    is_before = np.tri(row.shape[1], k=-1, dtype=bool)
+    is_again = np.any((group[:, :, None] == group[:, None]) & is_before, axis=2)
+    odds = np.where(is_again, -np.inf, odds)
+    likeliest_first = np.lexsort([-odds[:, 0], there])
+    asking = likeliest_first[np.unique(there[likeliest_first], return_index=True)[1]]
+    return asking, group[asking], odds[asking]
 
 
 def _decide(

@@ -60,15 +60,19 @@ def check_motion(
         carried = carry(tracklets, hypothesis, t.mobility)
         return score_links(carried, sightings, cosine, look_odds, tick_of(motion.elapsed), t)
 
+    def support(hypothesis: Motion) -> Float[Array, ""]:
+        links = follow(hypothesis)
+        excess = jnp.where(links.possible, links.score - t.linking.least, 0.0)
+        return jnp.sum(jnp.max(excess, axis=1))
+
     believed = motion.score > DOUBTED_SCORE
     num = jnp.sum(sightings.valid).astype(jnp.float32)
     margin = jnp.where(believed, CHECK_MARGIN * num, 0.0)
     options = jax.tree.map(lambda *leaves: jnp.stack(leaves), motion, still, implied)
-    links = jax.vmap(follow)(options)
-    excess = jnp.where(links.possible, links.score - t.linking.least, 0.0)
-    supports = jnp.sum(jnp.max(excess, axis=2), axis=1) + jnp.stack([margin, 0.0, 0.0])
+    supports = jax.vmap(support)(options) + jnp.stack([margin, 0.0, 0.0])
     best = jnp.where(t.motion.checked, jnp.argmax(supports), 0)
-    return jax.tree.map(lambda leaf: leaf[best], (options, links))
+    chosen = jax.tree.map(lambda leaf: leaf[best], options)
+    return chosen, follow(chosen)
 
 
 def imply_motion(

@@ -161,17 +161,25 @@ class GrowingMemory:
         while True:
             described = self.frame_step.describe(make_input(self.static), self.static)
             if self.at_rest is not None and outlines is None and self.at_rest.ids():
+                self.at_rest.settle(self.state)
                 recalled = self.at_rest.recall(self.state, described.seen, self.static)
                 if recalled is not None:
                     self.state = recalled
-            before_frame = self._bundle or Bundle.of(self._state)
-            after, packed, trace = self.frame_step.decide(before_frame, described)
+                    self.at_rest.settle(recalled)
+            self._bundle, self._state = self._bundle or Bundle.of(self._state), None
+            # Kept at once: the step may take over the memory of the old state, and Ctrl-C may come
+            # while its result is waited for.
+            before_frame = self._bundle
+            self._bundle, packed, trace = self.frame_step.decide(self._bundle, described)
             outlines = outlines or outline(prepared.detections.masks)
-            readout: Readout = jax.device_get(packed).unpack()
+            try:
+                readout: Readout = jax.device_get(packed).unpack()
+            except jax.errors.JaxRuntimeError:
+                self._bundle = before_frame
+                raise
             if not readout.overflow.objects and not readout.overflow.pending:
                 break
             self._make_room(int(readout.overflow.objects), int(readout.overflow.pending))
-        self._bundle, self._state = after, None
         self._num_steps += 1
         if self._num_steps % _RETURN_EVERY == 0:
             return_freed_memory()

@@ -388,7 +388,7 @@ class Tracker(Printable):
         path = as_path(path, "the memory file", OutputError)
         with self._alone("advance"):
             save_memory(path, self._saved(), durably=durably)
-            if self._memory_file is not None and self._memory_file.path == path:
+            if self._memory_file is not None and self._memory_file.path == path.resolve():
                 self._memory_file = None
 
     def checkpoint(self, path: str | Path) -> None:
@@ -396,7 +396,8 @@ class Tracker(Printable):
 
         A crash or a power cut leaves the memory before or this one. The first call writes
         everything, later ones add to the file what changed since: the working set, and other
-        objects that were seen. Call it every so many seconds, and `load` the file at the next
+        objects that were seen. What another program changed since, or since it was loaded, is not
+        written over. Call it every so many seconds, and `load` the file at the next
         start.
 
         Raises:
@@ -404,7 +405,7 @@ class Tracker(Printable):
             call; the memory before is kept.
           SourceError: If there is nothing to remember yet.
         """
-        path = as_path(path, "the memory file", OutputError)
+        path = as_path(path, "the memory file", OutputError).resolve()
         with self._alone("advance"):
             if self._memory_file is None or self._memory_file.path != path:
                 self._memory_file = MemoryFile(path)
@@ -421,6 +422,7 @@ class Tracker(Printable):
           RemindError: If it was made with another backbone, by another tracker, with classes where
             none are compared (or without), or with room for other switches.
         """
+        read = MemoryFile(as_path(path, "the memory file", OutputError).resolve(), is_read=True)
         memory = load_memory(path)
         check_tracker(memory, self.method.name, path)
         check_classes(memory, self.config.input.class_agnostic, path)
@@ -429,7 +431,7 @@ class Tracker(Printable):
             check_backbone(memory, self.features.described_by, fingerprint, path)
         with self._alone("prepare"), self._alone("advance"):
             static = static_of(memory, self.config, path)
-            self._memory.static, self._memory_file = static, None
+            self._memory.static, self._memory_file = static, read
             self._features_given = memory.backbone == FEATURES_GIVEN
             self.preparer = self._new_preparer()
             self._restore(memory)
@@ -503,6 +505,8 @@ class Tracker(Printable):
         if self.state is None:
             raise SourceError("there is no memory before the first frame; 'load' a file for one")
         announced = self.identities.announcements
+        if self._memory.at_rest is not None:
+            self._memory.at_rest.settle(self.state)
         return SavedMemory(
             state=self.state,
             static=self.static,

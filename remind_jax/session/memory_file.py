@@ -80,7 +80,6 @@ class _Written:
     at_rest: Any  # of `AtRest.snapshot`
     sha256: str  # of its last part
     num_bytes: int  # of its first part, which holds everything
-    found_as: tuple[int, int]  # nobody else wrote it while this is the same
 
 
 class MemoryFile:
@@ -90,10 +89,16 @@ class MemoryFile:
     file is written anew. A change that was not written to its end, as by a kill, is left out.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Touches nothing yet."""
+    def __init__(self, path: Path, *, is_read: bool = False) -> None:
+        """Touches nothing yet.
+
+        Args:
+          is_read: The memory to be written comes from it.
+        """
         self.path = path
         self._written: _Written | None = None
+        # Nobody else wrote it while this is the same; None where that does not matter.
+        self._found_as = _identity(path) if is_read else None
 
     def update(self, memory: SavedMemory) -> None:
         """Returns when the memory is on the disk.
@@ -103,7 +108,7 @@ class MemoryFile:
             before is kept.
         """
         before = self._written
-        if before is not None and self.path.exists() and _identity(self.path) != before.found_as:
+        if self._found_as not in (None, _identity(self.path)) and self.path.exists():
             raise OutputError(
                 f"'{self.path}' was changed by another program since it was written; 'load' it to "
                 "go on from that, or write to another file"
@@ -118,8 +123,8 @@ class MemoryFile:
             leaves, header = _describe(memory, before)
             files.append_durably(self.path, save(leaves, header))
             sha256, num_bytes = header["sha256"], before.num_bytes
-        found_as = _identity(self.path)
-        self._written = _Written(records, at_rest, sha256, num_bytes, found_as)
+        self._found_as = _identity(self.path)
+        self._written = _Written(records, at_rest, sha256, num_bytes)
 
 
 def _has_room(path: Path, num_bytes: int) -> bool:
@@ -127,9 +132,11 @@ def _has_room(path: Path, num_bytes: int) -> bool:
     return path.exists() and path.stat().st_size <= 2 * num_bytes
 
 
-def _identity(path: Path) -> tuple[int, int]:
+def _identity(path: Path) -> tuple[int, int, int] | None:
+    if not path.exists():
+        return None
     found = path.stat()
-    return found.st_ino, found.st_size
+    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> str:

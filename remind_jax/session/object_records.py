@@ -278,9 +278,11 @@ class ObjectRecords:
           other: Their records.
           number_of: Ids that are free here of the objects that come, by their ids there.
         """
+        came = [record for one, record in other._records.items() if one in number_of]
+        sessions = sorted({sight.session for one in came for sight in (one.first, one.last)})
 
         def later(sight: Sight) -> Sight:
-            return Sight(self.session + sight.session, sight.frame)
+            return Sight(self.session + 1 + sessions.index(sight.session), sight.frame)
 
         added = {
             number_of[one]: dataclasses.replace(
@@ -302,7 +304,7 @@ class ObjectRecords:
         }
         self._records |= added
         self.given, self.merged_into = {**self.given, **names}, {**self.merged_into, **merged}
-        self.session += other.session
+        self.session += len(sessions)
 
     def unite(self, pairs: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
         """Merges the second of each pair into the first; gives the pairs that were merged.

@@ -250,12 +250,13 @@ def _from_mapping(
 
 def _check_corners(boxes: np.ndarray) -> None:
     """Refuses boxes in another form than left, top, right, bottom in pixels."""
+    boxes = boxes.reshape(-1, 4)
     if turned := np.flatnonzero((boxes[:, 2:] < boxes[:, :2]).any(axis=1)).tolist():
         raise SourceError(
             f"box {turned[0]} is {boxes[turned[0]].tolist()}, which ends before it starts; give "
             "left, top, right, bottom"
         )
-    if len(boxes) and (boxes >= 0).all() and (boxes <= 1).all():
+    if boxes.any() and (boxes >= 0).all() and (boxes <= 1).all():
         raise SourceError(
             f"box 0 is {boxes[0].tolist()}, and all boxes lie within 0 to 1; give pixels, not "
             "shares of the frame"

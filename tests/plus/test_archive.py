@@ -22,6 +22,7 @@ from tests.plus.frames import detections
 STATIC = Static(num_detections=4, num_objects=32, feature_dim=6)
 EMPTY = jax.device_get(init(STATIC))
 CENTER = np.array([2.0, 1.5], np.float32)
+SMALL = {"static": {"num_detections": 16, "num_objects": 64}}
 
 
 def remembered(num=30, seed=0):
@@ -85,6 +86,8 @@ def test_rest_and_return_lose_nothing_but_the_place():
     np.testing.assert_array_equal(rested.pairs.covisible[3:20], 0)
     for order in (sorted(archive.ids()), sorted(archive.ids(), reverse=True)):
         woken = archive.wake(rested, order, CENTER)
+        assert sorted(archive.ids()) == sorted(order)
+        archive.settle(woken)
         assert not len(archive)
         for name, leaf in by_id(woken).items():
             np.testing.assert_array_equal(leaf, by_id(state)[name], name)
@@ -113,6 +116,7 @@ def test_relations_outlast_a_rest_of_either_object():
         both = state_without
         for one in order:
             both = archive.wake(both, [one], CENTER)
+            archive.settle(both)
         for name, leaf in by_id(both).items():
             np.testing.assert_array_equal(leaf, by_id(state)[name], name)
         # What both learned of each other since then is what both know after another rest.
@@ -262,8 +266,7 @@ def walk(tracker, building, places, start=0):
 
 
 def test_what_rested_is_known_again_and_no_program_grows(building, tmp_path):
-    config = {"static": {"num_detections": 16, "num_objects": 64}}
-    tracker = rj.Tracker(config=config)
+    tracker = rj.Tracker(config=SMALL)
     first = walk(tracker, building, range(8))
     assert tracker.static.num_objects == 64
     assert tracker.num_objects == 8 * PER_PLACE == len(tracker.objects())
@@ -273,7 +276,7 @@ def test_what_rested_is_known_again_and_no_program_grows(building, tmp_path):
     again = walk(tracker, building, (2, 6), start=80)
     assert again == [first[2], first[6]]
     tracker.save(tmp_path / "memory.safetensors")
-    other = rj.Tracker(config=config)
+    other = rj.Tracker(config=SMALL)
     other.load(tmp_path / "memory.safetensors")
     assert {one.object_id for one in other.objects()} == {
         one.object_id for one in tracker.objects()
@@ -332,3 +335,25 @@ def test_what_is_seen_least_is_forgotten_beyond_a_bound(building):
     assert few.num_objects == PER_PLACE
     with pytest.raises(ConfigError, match="forgets no objects"):
         rj.Tracker(config={"input": {"max_objects": 3}}, tracker="bank")
+
+
+@pytest.mark.parametrize("name", ["wake", "rest"])
+def test_ctrl_c_while_objects_wake_or_rest_loses_none(name, monkeypatch, tmp_path):
+    building = Building(10 * PER_PLACE, noise=0.05, one_class=False, seed=3)
+    tracker = rj.Tracker(config=SMALL)
+    told = [one for visit in walk(tracker, building, range(10)) for one in visit.values()]
+    change = getattr(Archive, name)
+
+    def stop(*given):
+        change(*given)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Archive, name, stop)
+        with pytest.raises(KeyboardInterrupt):
+            walk(tracker, building, [0], start=200)
+    tracker.save(tmp_path / "kept")
+    again = rj.Tracker(config=SMALL)
+    again.load(tmp_path / "kept")
+    assert {one.object_id for one in again.objects()} == {*told}
+    assert walk(again, building, [0], start=200) == walk(tracker, building, [0], start=200)

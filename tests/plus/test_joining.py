@@ -63,13 +63,13 @@ def test_nothing_of_this_memory_changes_and_all_of_the_other_comes():
     state = memory({3: 0, 5: 1})
     other = dataclasses.replace(memory({0: 1, 2: 6}, next_id=9), frame=np.int32(133))
     (after, found), at_rest = joined(state, other)
-    assert found.ids == {0: 40, 2: 42}
-    assert (int(after.next_id), int(after.frame)) == (49, 33)
+    assert found.ids == {0: 40, 2: 41}
+    assert (int(after.next_id), int(after.frame)) == (42, 33)
     for name, leaf in by_id(after).items():
         np.testing.assert_array_equal(leaf, by_id(state)[name], name)
-    assert sorted(at_rest.ids()) == [40, 42]
-    woken = at_rest.archive.wake(after, [40, 42], np.zeros(2, np.float32))
-    slots = [woken.objects.id.tolist().index(one) for one in (40, 42)]
+    assert sorted(at_rest.ids()) == [40, 41]
+    woken = at_rest.archive.wake(after, [40, 41], np.zeros(2, np.float32))
+    slots = [woken.objects.id.tolist().index(one) for one in (40, 41)]
     assert woken.objects.last[slots].tolist() == [-70, -70]  # 103 frames ago
     np.testing.assert_array_equal(woken.objects.bank[slots, 0], other.objects.bank[:2, 0])
     assert woken.pairs.covisible[slots[0], slots[1]] == SEEN
@@ -84,10 +84,10 @@ def test_what_was_not_decided_yet_comes_as_after_its_last_frame():
     tracklets.id[:3], tracklets.class_id[:3], tracklets.look[0] = (6, 7, 8), 0, LOOKS[2]
     other = dataclasses.replace(other, tracklets=tracklets)
     (_, found), at_rest = joined(memory({3: 2}), other)
-    assert found.ids == {0: 40, 6: 46}
-    assert found.matched == ((3, 46),)
-    assert 46 in at_rest.archive
-    assert set(at_rest.archive.snapshot().resting[46].values) == set(
+    assert found.ids == {0: 40, 6: 41}
+    assert found.matched == ((3, 41),)
+    assert 41 in at_rest.archive
+    assert set(at_rest.archive.snapshot().resting[41].values) == set(
         at_rest.archive.snapshot().resting[40].values
     )
 
@@ -100,7 +100,7 @@ def test_a_memory_that_took_in_what_has_no_partners_is_written_and_read():
     nothing = dataclasses.replace(memory(next_id=9), tracklets=tracklets)
     (state, _), at_rest = joined(memory({3: 1}), nothing)
     restored = Archive.restored([at_rest.archive.tensors()], state, 1)
-    assert restored.ids() == [46]
+    assert restored.ids() == [40]
 
 
 @pytest.mark.parametrize("num", [2, 3])
@@ -117,7 +117,8 @@ def test_what_looks_like_several_stays_apart_and_is_told(num):
 def test_what_stands_beside_them_tells_twins_apart():
     here = memory({0: 0, 1: 1, 2: 2, 3: 3}, {4: 0, 5: 5, 6: 6, 7: 7})
     (_, found), _ = joined(here, memory({0: 0, 1: 5, 2: 6, 3: 7}, {9: 0, 8: 3, 7: 2, 6: 1}))
-    assert dict(found.matched) == {4: 40, 5: 41, 6: 42, 7: 43, 0: 49, 3: 48, 2: 47, 1: 46}
+    known = {4: 0, 5: 1, 6: 2, 7: 3, 0: 9, 3: 8, 2: 7, 1: 6}
+    assert dict(found.matched) == {one: found.ids[other] for one, other in known.items()}
     assert not found.ambiguous
 
 
@@ -141,7 +142,7 @@ def test_what_rests_in_either_memory_is_matched_like_the_others():
         states[number] = at_rest[-1].archive.rest(states[number], empty, slots)
     this, that = (Joining(one, rest, {}) for one, rest in zip(states, at_rest, strict=True))
     state, found = join(this, that, ONE_CLASS, PlusThresholds())
-    assert sorted(found.matched) == [(one, 40 + one) for one in range(5)]
+    assert sorted(found.matched) == [(one, found.ids[one]) for one in range(5)]
     assert sorted(at_rest[0].ids()) == [0, 1, 3, *range(40, 45)]
     assert by_id(state)["id"].tolist() == [2, 4]
 
@@ -237,9 +238,39 @@ def test_memories_that_are_joined_every_night_do_not_grow_by_copies(tmp_path):
             found = other.join(tmp_path / "given")
             assert not found.ambiguous
             assert len(other.objects()) == 4 * PER_PLACE
-        sizes.append([tracker.num_objects for tracker in trackers])
+        sizes.append(
+            [
+                (one.num_objects, int(one.state.next_id), one.identities.records.session)
+                for one in trackers
+            ]
+        )
     assert sizes[0] == sizes[1] == sizes[2]
-    assert max(sizes[0]) == 6 * PER_PLACE
+    assert max(sizes[0])[0] == 6 * PER_PLACE
+
+
+def test_open_tracklets_that_come_back_are_known():
+    state, other = memory({3: 2}), memory({0: 1}, next_id=9)
+    tracklets = jax.tree.map(np.array, no_tracklets(len(state.tracklets.alive), DIM))
+    tracklets.alive[0], tracklets.leans_new[0], tracklets.age[0] = True, True, 2
+    tracklets.id[0], tracklets.class_id[0], tracklets.look[0] = 6, 0, LOOKS[5]
+    state = dataclasses.replace(state, tracklets=tracklets)
+    other = dataclasses.replace(other, tracklets=tracklets)
+    (_, found), at_rest = joined(state, other)
+    assert found.ids == {0: 40}
+    assert at_rest.ids() == [40]
+
+
+@pytest.mark.parametrize("merged_here", [False, True])
+def test_what_was_declared_one_is_known_by_any_of_its_looks(merged_here):
+    front_and_back, back = memory({0: 0, 1: 1, 5: 5}), memory({2: 5, 3: 1})
+    sides = [(front_and_back, {5: 0}), (back, {})]
+    this, that = (
+        Joining(state, ObjectsAtRest(), merged_into)
+        for state, merged_into in (sides if merged_here else reversed(sides))
+    )
+    _, found = join(this, that, ONE_CLASS, PlusThresholds())
+    assert {*found.matched} == ({(0, 40), (1, 41)} if merged_here else {(2, 40), (3, 41)})
+    assert not found.ambiguous
 
 
 @pytest.mark.slow

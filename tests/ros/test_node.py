@@ -173,6 +173,27 @@ def test_memory_is_kept_between_starts(start, tmp_path):
     assert [one.id for one in again.published["~/detections"][-1].detections] == ids
 
 
+def test_what_another_program_wrote_stays_when_the_node_ends(start, tmp_path):
+    kept = tmp_path / "memory"
+    node, identity_node = start(**WITH_MAPS, memory=str(kept))
+    show(node, 0)
+    identity_node.close()
+    node, identity_node = start(**WITH_MAPS, memory=str(kept))
+    show(node, 1)
+    other = Tracker()
+    other.load(kept)
+    other.rename(0, "precious")
+    other.save(kept)
+    identity_node.close()
+    other.load(kept)
+    assert other.objects()[0].name == "precious"
+    (aside,) = tmp_path.glob("memory.*")
+    assert "changed by another program" in node.logged[-1]
+    assert str(aside) in node.logged[-1]
+    other.load(aside)
+    assert int(other.state.frame) == 2
+
+
 def test_a_refused_memory_ends_the_start_and_stays(install, tmp_path):
     kept = tmp_path / "memory"
     kept.write_bytes(b"cut off")

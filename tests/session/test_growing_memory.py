@@ -80,8 +80,8 @@ def test_a_start_below_what_the_first_frame_needs_begins_with_that():
     assert len(tracker._memory.frame_step._prepared) == 1
 
 
-@pytest.mark.parametrize("after_it", [False, True])
-def test_interruption_within_a_step_leaves_the_memory_before_it(after_it, monkeypatch, tmp_path):
+@pytest.mark.parametrize("is_waited_for", [False, True])
+def test_interruption_within_a_step_leaves_the_memory_whole(is_waited_for, monkeypatch, tmp_path):
     tracker = Tracker(CONFIG)
     first, second, third = frames(3)
     tracker.update(*first)
@@ -89,18 +89,19 @@ def test_interruption_within_a_step_leaves_the_memory_before_it(after_it, monkey
     decide = FrameStep.decide
 
     def interrupt(*given):
-        if after_it:
+        if not is_waited_for:
             decide(*given)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(FrameStep, "decide", interrupt)
+        where = (growing_memory.jax, "device_get") if is_waited_for else (FrameStep, "decide")
+        patched.setattr(*where, interrupt)
         with pytest.raises(KeyboardInterrupt):
             tracker.update(*second)
     tracker.save(tmp_path / "memory.safetensors")
     other = Tracker(CONFIG)
     other.load(tmp_path / "memory.safetensors")
-    assert int(other.state.frame) == int(tracker.state.frame) == 1
+    assert int(other.state.frame) == int(tracker.state.frame) == 1 + is_waited_for
     ours, expected = other.update(*third), tracker.update(*third)
     np.testing.assert_array_equal(ours.object_id, expected.object_id)
     assert set(ours.object_id) == {0, 1, 2}

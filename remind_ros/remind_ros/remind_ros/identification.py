@@ -126,6 +126,15 @@ class Identification:
         self.tracker.save(path)
         return f"{self.num_objects} objects were written to {path}"
 
+    def checkpoint(self, path: str | Path) -> str:
+        """As `save`, of what changed, and not over what another program wrote.
+
+        Raises:
+          RemindError: If there is nothing to write, or it cannot be written.
+        """
+        self.tracker.checkpoint(path)
+        return f"{self.num_objects} objects were written to {path}"
+
     def load(self, path: str | Path) -> str:
         """Goes on from a memory file; says what was read.
 

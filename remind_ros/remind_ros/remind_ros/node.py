@@ -103,8 +103,13 @@ class IdentityNode:
             self._is_open = False
             self._changed.notify()
         self._worker.join()
-        if self._memory and self._identification.tracker.state is not None:
-            self.node.get_logger().info(self._identification.save(self._memory))
+        if not self._memory or self._identification.tracker.state is None:
+            return
+        try:
+            self.node.get_logger().info(self._identification.checkpoint(self._memory))
+        except OutputError as error:
+            aside = f"{self._memory}.{int(time.time())}"
+            self.node.get_logger().error(f"{error}; {self._identification.save(aside)}")
 
     def _prepare(self, given: dict[str, Any]) -> None:
         """Reads the memory that there is, and prepares programs if the size is known."""
@@ -187,7 +192,7 @@ class IdentityNode:
             return
         try:
             with self._lock:
-                self._identification.tracker.checkpoint(self._memory)
+                self._identification.checkpoint(self._memory)
         except RemindError as error:
             self.node.get_logger().error(f"the memory was not kept: {error}")
         self._kept_at = time.monotonic()
