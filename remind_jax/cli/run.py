@@ -125,12 +125,12 @@ class Run:
                 raise
             process.complain("stopped")  # before the first frame
             return process.stopped_by(display.signal)
-        if not display.num_done and not self.quiet:
+        if not (display.num_done or self.quiet or self.json):
             print_lines([f"the run in {out} is finished already; nothing was done"])
         if self.json:
             print(json.dumps(summary_facts(result, out), indent=1))
         elif not self.quiet:
-            print_summary(result, out, source.notes)
+            print_summary(result, out)
         was_stopped = stop is not None and display.signal is not None
         is_fine = result.complete and not was_stopped
         return process.FINE if is_fine else process.stopped_by(display.signal)

@@ -92,10 +92,11 @@ def _say_skipped(result: Result) -> list[str]:
 
 
 def _say_events(result: Result) -> list[str]:
-    """One line per kind of event: the first, and how many more there were."""
-    lines = []
-    for kind, count in Counter(event.kind for event in result.events).items():
-        first = next(event for event in result.events if event.kind == kind)
+    """All of the whole run, then one line per kind: the first, and how many more there were."""
+    lines = [event.message for event in result.events if event.frame_index < 0]
+    later = [event for event in result.events if event.frame_index >= 0]
+    for kind, count in Counter(event.kind for event in later).items():
+        first = next(event for event in later if event.kind == kind)
         more = f" (and {count - 1} more like this)" if count > 1 else ""
         lines.append(f"frame {first.frame_index}: {first.message}{more}")
     return lines

@@ -68,10 +68,10 @@ def find_wanted_classes(
     """Which class columns can give detections; columns without a name (None) never do.
 
     Raises:
-      ConfigError: If `options.classes` names a class that the network does not know.
+      ConfigError: If the options name a class that the network does not know.
     """
     known = {name.casefold() for name in names if name is not None}
-    for name in options.classes or ():
+    for name in (*(options.classes or ()), *options.ignored_classes):
         if name.casefold() not in known:
             raise ConfigError(
                 f"the detector has no class {name!r}; "

@@ -46,11 +46,10 @@ class McapRecord(contextlib.AbstractContextManager):
     """Writes a run frame by frame."""
 
     def __init__(self, path: str | Path) -> None:
-        """Opens the file; one that is there is replaced.
+        """Writes nothing yet.
 
         Raises:
           ConfigError: If Foxglove's library is not installed.
-          OutputError: If the file cannot be written.
         """
         try:
             import foxglove
@@ -60,15 +59,23 @@ class McapRecord(contextlib.AbstractContextManager):
                 "Foxglove's library is not installed; install it with: "
                 "pip install 'remind-jax[viewers]'"
             ) from error
-        self._messages = messages
+        self._messages, self._open, self._path = messages, foxglove.open_mcap, path
         self._context = context = foxglove.Context()  # its channels end with it
-        try:
-            self._writer = foxglove.open_mcap(path, allow_overwrite=True, context=context)
-        except (OSError, RuntimeError, ValueError) as error:
-            raise OutputError(f"{path} cannot be written: {error}") from error
         self._image = channels.CompressedImageChannel("/camera/image", context=context)
         self._annotations = channels.ImageAnnotationsChannel("/remind/annotations", context=context)
         self._tracks = foxglove.Channel("/remind/tracks", schema=_TRACKS_SCHEMA, context=context)
+
+    def __enter__(self) -> McapRecord:
+        """Opens the file; one that is there is replaced.
+
+        Raises:
+          OutputError: If the file cannot be written.
+        """
+        try:
+            self._writer = self._open(self._path, allow_overwrite=True, context=self._context)
+        except (OSError, RuntimeError, ValueError) as error:
+            raise OutputError(f"{self._path} cannot be written: {error}") from error
+        return self
 
     def __exit__(self, *_: object) -> None:
         self._writer.close()

@@ -566,7 +566,7 @@ function drawTime() {
 
 function drawLog() {
   const events = run.events.map((event) => make("tr", {},
-    make("td", {}, event.position === null ? `frame ${event.frame_index}`
+    make("td", {}, event.position === null ? (event.frame_index < 0 ? "all" : `frame ${event.frame_index}`)
       : chip(event.position, `frame ${event.frame_index}`)),
     make("td", {}, event.kind), make("td", {}, event.message)));
   const skipped = run.skipped.map((frame) => make("tr", {},

@@ -310,6 +310,6 @@ class RunInfo(Printable):
 class Event:
     """Something worth knowing that happened at a frame, as detections that were dropped."""
 
-    frame_index: Annotated[int, Meta(ge=-1, lt=MAX_ROWS)]
+    frame_index: Annotated[int, Meta(ge=-1, lt=MAX_ROWS)]  # -1: of the whole run
     kind: Label  # a word or two: "dropped", "features"
     message: Text

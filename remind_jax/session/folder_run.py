@@ -146,7 +146,9 @@ def describe_run(loop: FrameLoop, frame_size: tuple[int, int], brings_features: 
 
 def _finish(result: Result, tracker: Tracker, writer: RunWriter) -> Result:
     """Writes all that is written at the end."""
-    if tracker.state is not None:
-        tracker.save(writer.folder / MEMORY_NAME)
-    writer.finish(result)
+    try:
+        if tracker.state is not None:
+            tracker.save(writer.folder / MEMORY_NAME)
+    finally:  # what is small has room where the memory has none
+        writer.finish(result)
     return result

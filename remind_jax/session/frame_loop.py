@@ -199,7 +199,7 @@ class FrameLoop:
             first_frame_ms=self._first_frame_ms,
             compile_s=self._compile_s + self.tracker.compile_s,
             skipped=tuple(self.source.skipped),
-            events=tuple(self._events),
+            events=(*(Event(-1, "input", note) for note in self.source.notes), *self._events),
             grown_at=tuple(self._grown_at),
             memory=self.tracker.memory_use,
             complete=complete,

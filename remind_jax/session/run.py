@@ -209,6 +209,9 @@ def _check_outputs(
     recorded = None if record is None else FrameRecord(record, overwrite)
     if out is None:
         return None, recorded
+    record_file = None if mcap is None else as_path(mcap, "the record", OutputError)
+    if record_file is not None and record_file.exists() and not (overwrite or resume):
+        raise OutputError(f"'{record_file}' exists; choose another name or allow overwriting")
     folder = as_path(out, "the output folder", OutputError)
     check_folder(folder, overwrite, resume)
     # The record of detections has the same name in both.

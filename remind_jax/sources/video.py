@@ -48,12 +48,12 @@ class VideoReader:
         with self._open() as container:
             stream = _video_stream(container, file)
             self.fps = _positive(stream.average_rate) or _positive(stream.guessed_rate)
-            self.num_entries, self._is_estimate = _count_frames(container, stream, self.fps)
+            self.num_entries, self._end_s = _count_frames(container, stream, self.fps)
         self._require_a_frame()
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
         """Yields decoded pictures; damaged stretches and a missing end are reported."""
-        index, origin_s = 0, None
+        index, origin_s, time_s = 0, None, 0.0
         with self._open() as container:
             stream = _video_stream(container, self._file)
             stream.thread_type = "AUTO"
@@ -67,7 +67,7 @@ class VideoReader:
                 read = functools.partial(read_picture, frame)
                 yield Entry(index, time_s - origin_s, f"{index:06d}", read, is_timed=True)
                 index += 1
-        self._report_missing_end(index, report)
+        self._report_missing_end(index, time_s, report)
 
     @contextlib.contextmanager
     def _open(self) -> Iterator[av.container.InputContainer]:
@@ -92,13 +92,16 @@ class VideoReader:
             why = f" ({reports[0].reason})" if reports else ""
             raise SourceError(f"no frame of the video '{self._file}' can be decoded{why}")
 
-    def _report_missing_end(self, num_seen: int, report: Report) -> None:
+    def _report_missing_end(self, num_seen: int, last_s: float, report: Report) -> None:
+        """Frames that are counted and not there; where their end alone is known, by time."""
         if self.num_entries is None:
             return
-        missing = self.num_entries - num_seen
-        tolerated = max(1, round(self.num_entries * ESTIMATE_SLACK)) if self._is_estimate else 0
+        missing, tolerated = self.num_entries - num_seen, 0
+        if self._end_s is not None and self.fps is not None:
+            missing = round((self._end_s - last_s) * self.fps) - 1
+            tolerated = max(1, round(self.num_entries * ESTIMATE_SLACK))
         if missing > tolerated:
-            name = f"frames {num_seen} to {self.num_entries - 1}"
+            name = f"frames {num_seen} to {num_seen + missing - 1}"
             report(SkippedFrame(name, "the video ends early (cut off or damaged)", missing))
 
 
@@ -156,18 +159,18 @@ def check_video_size(stream: av.VideoStream, shown: str) -> None:
 
 def _count_frames(
     container: av.container.InputContainer, stream: av.VideoStream, fps: float | None
-) -> tuple[int | None, bool]:
-    """Frames as the container says, and whether that is only an estimate from the duration."""
+) -> tuple[int | None, float | None]:
+    """Frames as the container says, or by its end in seconds, which comes along then."""
     if stream.frames > 0:
-        return stream.frames, False
+        return stream.frames, None
     duration_s = None
     if stream.duration is not None and stream.time_base is not None:
         duration_s = float(stream.duration * stream.time_base)
     elif container.duration is not None and len(container.streams) == 1:
         duration_s = container.duration / av.time_base
     if duration_s is None or fps is None or duration_s <= 0:
-        return None, True
-    return max(1, round(duration_s * fps)), True
+        return None, None
+    return max(1, round(duration_s * fps)), duration_s
 
 
 def read_picture(frame: av.VideoFrame) -> Content:

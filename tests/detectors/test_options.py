@@ -63,3 +63,5 @@ def test_columns_without_a_name_are_never_wanted():
 def test_an_unknown_class_is_refused_with_the_nearest_name():
     with pytest.raises(ConfigError, match="did you mean 'chair'"):
         find_wanted_classes(["chair", "cup"], DetectorOptions(classes=("chiar",)))
+    with pytest.raises(ConfigError, match="did you mean 'chair'"):
+        find_wanted_classes(["chair", "cup"], DetectorOptions(ignored_classes=("chiar",)))

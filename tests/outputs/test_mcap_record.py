@@ -86,4 +86,4 @@ def test_outlines_enclose_the_masks(messages, run):
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(OutputError, match=r"missing/out.mcap cannot be written"):
-        McapRecord(tmp_path / "missing" / "out.mcap")
+        McapRecord(tmp_path / "missing" / "out.mcap").__enter__()

@@ -26,6 +26,7 @@ from remind_jax.session.progress import Progress
 from remind_jax.sources import detections_from
 from remind_jax.tracks import Tracks
 from tests.cli import scenes
+from tests.sources import making
 
 NUM = 6
 PICTURES = [scenes.picture(index) for index in range(NUM)]
@@ -202,6 +203,8 @@ def test_viewers_get_every_frame(tmp_path):
 
     mcap = tmp_path / "out.mcap"
     rj.run(PICTURES[:3], out=tmp_path / "run", overlay=False, mcap=mcap)
+    with pytest.raises(OutputError, match=r"out\.mcap' exists"):
+        rj.run(PICTURES[:3], out=tmp_path / "other", mcap=mcap)
     with mcap.open("rb") as file:
         topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
     assert topics.count("/remind/tracks") == 3
@@ -210,3 +213,24 @@ def test_viewers_get_every_frame(tmp_path):
 def test_records_need_a_folder(tmp_path):
     with pytest.raises(ConfigError, match="'mcap' records a run that is written to a folder"):
         rj.run(PICTURES, mcap=tmp_path / "out.mcap")
+
+
+def test_a_memory_that_cannot_be_written_leaves_the_rest(tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise OutputError("the disk is full")
+
+    monkeypatch.setattr(rj.Tracker, "save", refuse)
+    with pytest.raises(OutputError, match="the disk is full"):
+        rj.run(PICTURES[:3], out=tmp_path / "run", overlay=False)
+    assert (tmp_path / "run" / "report.html").is_file()
+    assert len(Result.load(tmp_path / "run").tracks) == 3
+
+
+def test_what_the_source_has_to_say_is_in_the_result(tmp_path):
+    making.write_images(tmp_path / "frames", ["0.png", "1.png"])
+    (tmp_path / "masks").mkdir()
+    making.write_image(tmp_path / "masks" / "0.png", np.zeros(making.SIZE, np.uint8))
+    result = rj.run(tmp_path / "frames", masks=tmp_path / "masks")
+    (event,) = result.events
+    assert (event.frame_index, event.kind) == (-1, "input")
+    assert "1 of 2" in event.message

@@ -1,5 +1,7 @@
 import struct
+from fractions import Fraction
 
+import av
 import numpy as np
 import pytest
 
@@ -57,6 +59,20 @@ def test_truncated_video_keeps_what_was_decoded(tmp_path):
     assert 0 < len(frames) < 20
     assert len(frames) + sum(s.count for s in source.skipped) == 20
     assert "ends early" in source.skipped[-1].reason
+
+
+@pytest.mark.parametrize("pts", [[0, 1, 5, 6, 20, 21], [50, 51, 52, 53]], ids=["vfr", "late"])
+def test_a_video_of_few_frames_for_its_length_is_whole(tmp_path, pts):
+    with av.open(str(tmp_path / "a.mkv"), "w") as container:
+        stream = container.add_stream("libx264", rate=10, width=64, height=48, pix_fmt="yuv420p")
+        for index, time in enumerate(pts):
+            picture = av.VideoFrame.from_ndarray(making.picture(index, (48, 64)), "rgb24")
+            picture.pts, picture.time_base = time, Fraction(1, 10)
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode())
+    source = open_source(tmp_path / "a.mkv")
+    assert [frame.time_s for frame in source] == pytest.approx([(p - pts[0]) / 10 for p in pts])
+    assert source.skipped == []
 
 
 def test_damaged_middle_is_reported(tmp_path):
