@@ -6,8 +6,7 @@ Rows that are damaged are left out, counted and told in `notes`.
 from __future__ import annotations
 
 import dataclasses
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -41,6 +40,7 @@ class _Position:
     """A frame by its place in the sequence, whatever its name."""
 
     index: int
+    video_id: int | str | None
 
     def __str__(self) -> str:
         return str(self.index)
@@ -92,7 +92,8 @@ class CocoMasks:
                 f"'{file}': not one of {self._num_rows} detections can be used, the first: "
                 f"{next(iter(self._bad.values()))}"
             )
-        self._rows = _match_places(by_place, reader)
+        place_of = _match_places(by_place, reader, file)
+        self._rows = {index: by_place[place] for index, place in place_of.items()}
         if by_place and not self._rows:
             frames = reader.entry_names
             raise SourceError(
@@ -171,7 +172,7 @@ class CocoMasks:
             elif code.record is not None and names is not None and index >= len(names):
                 self._count_bad(f"{where}: there are more than its video has frames")
             elif code.record is not None:
-                place = names[index] if names else _Position(index)
+                place = names[index] if names else _Position(index, track.video_id)
                 changes: dict[str, Any] = {"segmentation": code.record, "instance_id": track.id}
                 yield place, replace(track, segmentations=None, bboxes=None, bbox=None, **changes)
 
@@ -252,23 +253,36 @@ def _keys_of(raws: list[msgspec.Raw]) -> set[str]:
     return set()
 
 
-def _match_places(
-    by_place: Mapping[_Place, list[Detection]], reader: Reader
-) -> dict[int, list[Detection]]:
-    """Detections by source frame."""
+def _match_places(places: Collection[_Place], reader: Reader, file: str) -> dict[int, _Place]:
+    """Places by source frame; only those in a folder of the name of the source, if there are any.
+
+    Raises:
+      SourceError: If two are of one frame, or of several videos without names of frames.
+    """
+    videos = sorted({str(place.video_id) for place in places if isinstance(place, _Position)})
+    if len(videos) > 1:
+        raise SourceError(
+            f"'{file}' has tracks of {len(videos)} videos without names of frames (`video_id` "
+            f"{', '.join(videos[:4])}); leave those of one video"
+        )
+    own = [p for p in places if isinstance(p, str) and reader.name in PurePosixPath(p).parts[:-1]]
     names = reader.entry_names or ()
     index_of: dict[Any, int] = {PurePosixPath(name).stem: i for i, name in enumerate(names)}
     for i, name in enumerate(names):
         number = last_number(name)
         index_of.setdefault(i if number is None else number, i)
-    rows: dict[int, list[Detection]] = defaultdict(list)
-    for place, found in by_place.items():
+    place_of: dict[int, _Place] = {}
+    for place in own or places:
         if isinstance(place, _Position):
             index: int | None = place.index
         elif reader.entry_names is None:
             index = last_number(place) if isinstance(place, str) else place
         else:
             index = index_of.get(PurePosixPath(place).stem if isinstance(place, str) else place)
-        if index is not None:
-            rows[index].extend(found)
-    return dict(rows)
+        if index is not None and place_of.setdefault(index, place) != place:
+            raise SourceError(
+                f"'{file}': '{place_of[index]}' and '{place}' are both frame {index} of "
+                f"'{reader.name}'; leave those of one video, or name the source after its folder "
+                "in the file"
+            )
+    return place_of

@@ -123,6 +123,24 @@ def test_detections_of_no_frame_are_counted_and_told(tmp_path, numbers, sampling
         assert len(source.notes) == bool(told)
 
 
+@pytest.mark.parametrize("form", ["tracks", "results", "images"])
+def test_of_several_videos_one_is_taken_by_its_folder_or_none(tmp_path, form):
+    names = ["00003.png", "00004.png"]
+    videos = [{"id": n, "file_names": [f"{n}/{name}" for name in names]} for n in "vw"]
+    tracks = [{"id": 1, "video_id": n, "label": n, "segmentations": [RLE, None]} for n in "vw"]
+    images = [{"id": f"{n}{name}", "file_name": f"x/{n}/{name}"} for n in "vw" for name in names]
+    boxes = [{"image_id": f"{n}00003.png", "label": n, "bbox": [1, 2, 3, 4]} for n in "vw"]
+    content = {
+        "tracks": {"videos": videos, "annotations": tracks},
+        "results": tracks,
+        "images": {"images": images, "annotations": boxes},
+    }[form]
+    if form != "results":
+        assert seen(opened(tmp_path, content)) == [(("v",), [1.0]), ((), [])]
+    with pytest.raises(SourceError, match="one video"):
+        opened(tmp_path, content, name="other")
+
+
 GOOD = {"image_id": 3, "label": "a", "segmentation": RLE}
 BAD_ROWS = {
     "code": {"segmentation": {"size": [4, 6], "counts": "9"}},
