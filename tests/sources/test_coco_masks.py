@@ -80,6 +80,28 @@ def test_video_annotations(tmp_path):
     assert making.detections_in(frames[1]).instance_ids.tolist() == [9]
 
 
+@pytest.mark.parametrize("shape", ["polygon", "box", "track"])
+def test_shapes_of_pictures_of_another_size_are_scaled(tmp_path, shape):
+    height, width = (2 * side for side in making.SIZE)
+    size = {"height": height, "width": width}
+    polygon = [[8, 8, 24, 8, 24, 16, 8, 16]]
+    form = {"bbox": [8, 8, 16, 8]} if shape == "box" else {"segmentation": polygon}
+    image = {"id": 3, "file_name": "00003.png", **size}
+    content = {"images": [image], "annotations": [{"image_id": 3, "label": "a", **form}]}
+    if shape == "track":
+        tracks = [{"id": 1, "video_id": 1, "label": "a", "segmentations": [polygon]}]
+        content = {"videos": [{"id": 1, **size}], "annotations": tracks}
+    wanted = np.zeros(making.SIZE, bool)
+    wanted[4:8, 4:12] = True
+    frame = next(iter(opened(tmp_path, content)))
+    np.testing.assert_array_equal(making.detections_in(frame).masks, [wanted])
+    record = content["images" if "images" in content else "videos"][0]
+    for wrong in ({"height": width}, {"height": 1 << 16, "width": 1 << 16}):
+        record.update(wrong)
+        with pytest.raises(SourceError, match=r"width x height|65536x65536"):
+            list(opened(tmp_path, content))
+
+
 def test_frames_one_per_line(tmp_path):
     lines = [
         {"name": "00003.png", "detections": [{"label": "cup", "bbox": [1, 2, 3, 4], "score": 0.5}]},
