@@ -21,6 +21,7 @@ from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.file_tree import files_in, frame_stem, last_number, read_of_frame
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
+from remind_jax.sources.video import ESTIMATE_SLACK
 
 Unlabelled = Literal["error", "skip"]
 MAX_ASPECT_DIFFERENCE = 0.01
@@ -66,11 +67,13 @@ class LabelMaps:
             )
         self.frames = self._file_of.keys()
         self.notes: list[str] = []
-        if reader.entry_names is not None and len(self._file_of) < len(reader.entry_names):
+        num_frames = reader.num_entries or 0
+        lacking = num_frames - len(self._file_of)
+        tolerated = round(num_frames * ESTIMATE_SLACK) if reader.entry_names is None else 0
+        if lacking > tolerated:
             self.notes.append(
-                f"{len(reader.entry_names) - len(self._file_of)} of {len(reader.entry_names)} "
-                f"frames of '{reader.name}' have no annotation and count as frames without "
-                "detections"
+                f"{lacking} of {num_frames} frames of '{reader.name}' have no annotation and count "
+                "as frames without detections"
             )
         self._has_void = self._find_void()
         self._check_some()
@@ -212,15 +215,26 @@ def match_annotations(
       frame_names: Names of the frames in order; None where annotations are numbered by the
         frame's place (videos): from 0, or from 1 where there is no annotation 0 and the last one
         equals the count of frames.
+
+    Raises:
+      SourceError: If two have one number, and it is the number that counts.
     """
-    numbers = {number: f for f in files if (number := last_number(f)) is not None}
+    stems = {frame_stem(file): file for file in files}
+    names = [] if frame_names is None else frame_names
+    by_stem = {i: stems[frame_stem(n)] for i, n in enumerate(names) if frame_stem(n) in stems}
+    if by_stem:
+        return by_stem
+    numbers: dict[int, str] = {}
+    for file in files:
+        number = last_number(file)
+        if number is not None and numbers.setdefault(number, file) != file:
+            raise SourceError(
+                f"annotations '{numbers[number]}' and '{file}' both have the number {number}, and "
+                "no name is that of a frame; give one instance map per frame, named after it"
+            )
     if frame_names is None:
         first = 1 if 0 not in numbers and max(numbers, default=0) == num_frames else 0
         return {number - first: file for number, file in numbers.items()}
-    stems = {frame_stem(file): file for file in files}
-    by_stem = {i: stems[frame_stem(n)] for i, n in enumerate(frame_names) if frame_stem(n) in stems}
-    if by_stem:
-        return by_stem
     by_number = {i: last_number(name) for i, name in enumerate(frame_names)}
     matched = {i: numbers[n] for i, n in by_number.items() if n is not None and n in numbers}
     if matched:

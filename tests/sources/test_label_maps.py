@@ -32,6 +32,27 @@ def test_video_frames_are_numbered_from_zero_or_one(numbers, num_frames, first):
     assert match_annotations(files, None, num_frames) == wanted
 
 
+@pytest.mark.parametrize("frames", [None, ["0000.jpg", "0001.jpg", "0002.jpg"]])
+@pytest.mark.parametrize("form", ["{:04d}_v2.png", "0000_{}.png 0001_{}.png"])
+def test_two_annotations_of_one_number_are_refused(form, frames):
+    files = [file for n in range(3) for file in form.format(n, n).split()]
+    with pytest.raises(SourceError, match=r"'000\d_\w+\.png' and '000\d_\w+\.png'"):
+        match_annotations(files, frames, 3)
+
+
+@pytest.mark.parametrize("kind", ["pictures", "video"])
+def test_frames_without_annotation_are_told(tmp_path, kind):
+    making.write_davis(tmp_path, "v", 3)
+    source = tmp_path / "JPEGImages/v"
+    if kind == "video":
+        source = tmp_path / "v.mp4"
+        making.write_video(source, 6)
+    else:
+        making.write_images(source, [f"{i:05d}.jpg" for i in range(6)])
+    (note,) = open_source(source, masks=tmp_path / "Annotations/v").notes
+    assert note.startswith("3 of 6 frames of 'v'")
+
+
 def test_masks_of_other_frames_are_refused(tmp_path):
     making.write_images(tmp_path / "v", ["7.jpg", "8.jpg"])
     (tmp_path / "m").mkdir()
