@@ -24,6 +24,7 @@ from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
 from remind_jax.sources.video import ESTIMATE_SLACK
 
 Unlabelled = Literal["error", "skip"]
+MAP_SUFFIXES = (".png", ".tif", ".tiff")
 MAX_ASPECT_DIFFERENCE = 0.01
 NUM_CHECKED = 3  # annotations looked at before work starts
 _FEW_INSTANCES = 64
@@ -52,9 +53,9 @@ class LabelMaps:
     ) -> None:
         self._folder = folder
         self._classes, self._unlabelled = classes, unlabelled
-        files = [n for n in files_in(folder) if n.lower().endswith((".png", ".tif", ".tiff"))]
+        files = list_maps(folder)
         if not files:
-            raise SourceError(f"'{folder}' holds no annotations (.png)")
+            raise SourceError(f"'{folder}' holds no annotations ({', '.join(MAP_SUFFIXES)})")
         self._file_of = match_annotations(
             files, None if by_position else reader.entry_names, reader.num_entries
         )
@@ -140,6 +141,11 @@ class LabelMaps:
             except UnreadableFrame:
                 continue
         return ids
+
+
+def list_maps(folder: Path) -> list[str]:
+    """Names of the instance maps directly in a folder."""
+    return [name for name in files_in(folder) if name.lower().endswith(MAP_SUFFIXES)]
 
 
 def detections_in(

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -71,6 +72,15 @@ def test_masks_folder_beside_any_images(tmp_path):
             ("cup", "desk_lamp"),
             (),
         ]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".TIFF"])
+def test_a_folder_of_maps_of_any_suffix_that_is_read(tmp_path, suffix):
+    making.write_images(tmp_path / "v", ["0.jpg"])
+    (tmp_path / "m").mkdir()
+    cv2.imwrite(str(tmp_path / f"m/0{suffix}"), making.instance_map())
+    (frame,) = open_source(tmp_path / "v", masks=tmp_path / "m")
+    assert making.detections_in(frame).instance_ids.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("shown", [(1, 255), (255,)])
