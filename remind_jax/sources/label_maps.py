@@ -21,7 +21,7 @@ from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.file_tree import files_in, frame_stem, last_number, read_of_frame
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
-from remind_jax.sources.video import ESTIMATE_SLACK
+from remind_jax.sources.video import VideoReader
 
 Unlabelled = Literal["error", "skip"]
 MAP_SUFFIXES = (".png", ".tif", ".tiff")
@@ -68,10 +68,10 @@ class LabelMaps:
             )
         self.frames = self._file_of.keys()
         self.notes: list[str] = []
-        num_frames = reader.num_entries or 0
+        is_estimate = isinstance(reader, VideoReader) and reader.is_estimate
+        num_frames = 0 if is_estimate else reader.num_entries or 0
         lacking = num_frames - len(self._file_of)
-        tolerated = round(num_frames * ESTIMATE_SLACK) if reader.entry_names is None else 0
-        if lacking > tolerated:
+        if lacking > 0:
             self.notes.append(
                 f"{lacking} of {num_frames} frames of '{reader.name}' have no annotation and count "
                 "as frames without detections"

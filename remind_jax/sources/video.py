@@ -48,7 +48,7 @@ class VideoReader:
         with self._open() as container:
             stream = _video_stream(container, file)
             self.fps = _positive(stream.average_rate) or _positive(stream.guessed_rate)
-            self.num_entries, self._is_estimate = _count_frames(container, stream, self.fps)
+            self.num_entries, self.is_estimate = _count_frames(container, stream, self.fps)
         self._require_a_frame()
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
@@ -96,7 +96,7 @@ class VideoReader:
         if self.num_entries is None:
             return
         missing = self.num_entries - num_seen
-        tolerated = max(1, round(self.num_entries * ESTIMATE_SLACK)) if self._is_estimate else 0
+        tolerated = max(1, round(self.num_entries * ESTIMATE_SLACK)) if self.is_estimate else 0
         if missing > tolerated:
             name = f"frames {num_seen} to {self.num_entries - 1}"
             report(SkippedFrame(name, "the video ends early (cut off or damaged)", missing))

@@ -41,17 +41,20 @@ def test_two_annotations_of_one_number_are_refused(form, frames):
         match_annotations(files, frames, 3)
 
 
-@pytest.mark.parametrize("kind", ["pictures", "video"])
-def test_frames_without_annotation_are_told(tmp_path, kind):
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("JPEGImages/v", "3 of 6 frames of 'v'"), ("v.mp4", "3 of 6 frames of 'v'"), ("v.mkv", "")],
+    ids=["pictures", "video", "video of a length that is only estimated"],
+)
+def test_frames_without_annotation_are_told(tmp_path, name, told):
     making.write_davis(tmp_path, "v", 3)
-    source = tmp_path / "JPEGImages/v"
-    if kind == "video":
-        source = tmp_path / "v.mp4"
-        making.write_video(source, 6)
+    if name.startswith("v."):
+        making.write_video(tmp_path / name, 6)
     else:
-        making.write_images(source, [f"{i:05d}.jpg" for i in range(6)])
-    (note,) = open_source(source, masks=tmp_path / "Annotations/v").notes
-    assert note.startswith("3 of 6 frames of 'v'")
+        making.write_images(tmp_path / name, [f"{i:05d}.jpg" for i in range(6)])
+    notes = open_source(tmp_path / name, masks=tmp_path / "Annotations/v").notes
+    assert len(notes) == bool(told)
+    assert "".join(notes).startswith(told)
 
 
 def test_masks_of_other_frames_are_refused(tmp_path):
