@@ -70,6 +70,8 @@ class ImageRecord(msgspec.Struct, frozen=True):
 
     id: Id
     file_name: Text | None = None
+    height: _Size | None = None
+    width: _Size | None = None
 
 
 class VideoRecord(msgspec.Struct, frozen=True):

@@ -6,8 +6,7 @@ Rows that are damaged are left out, counted and told in `notes`.
 from __future__ import annotations
 
 import dataclasses
-from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -18,10 +17,13 @@ from msgspec.structs import replace
 
 from remind_jax.crops import require_room
 from remind_jax.errors import RemindError, SourceError
+from remind_jax.files.limits import MAX_MASK_PIXELS
 from remind_jax.files.records import Count, Text, decode_rows
 from remind_jax.formats.coco import (
     Detection,
+    ImageRecord,
     Segmentation,
+    VideoRecord,
     name_categories,
     read_data_set,
     say_bad,
@@ -41,6 +43,7 @@ class _Position:
     """A frame by its place in the sequence, whatever its name."""
 
     index: int
+    video_id: int | str | None
 
     def __str__(self) -> str:
         return str(self.index)
@@ -75,8 +78,9 @@ class CocoMasks:
         content = read_data_set(data, file)
         self._categories = name_categories(content.categories, file) or dict(categories or {})
         by_place: dict[_Place, list[Detection]] = {}
-        images = {image.id: image.file_name for image in content.images if image.file_name}
-        videos = {video.id: video.file_names for video in content.videos}
+        images = {image.id: image for image in content.images}
+        videos = {video.id: video for video in content.videos}
+        self._size_of: dict[_Place, tuple[int, int]] = {}  # height, width, where the file tells
         if "detections" in _keys_of(content.annotations):
             rows = self._rows_of_frames(content.annotations, by_place)
         else:
@@ -92,7 +96,8 @@ class CocoMasks:
                 f"'{file}': not one of {self._num_rows} detections can be used, the first: "
                 f"{next(iter(self._bad.values()))}"
             )
-        self._rows = _match_places(by_place, reader)
+        self._place_of = _match_places(by_place, reader, file)
+        self._rows = {index: by_place[place] for index, place in self._place_of.items()}
         if by_place and not self._rows:
             frames = reader.entry_names
             raise SourceError(
@@ -119,11 +124,12 @@ class CocoMasks:
         """
         rows = self._rows.get(entry.source_index, [])
         require_room(len(rows), frame_size, f"'{self._file}'")
+        size = self._size_of.get(self._place_of.get(entry.source_index, ""), frame_size)
         masks, kept = np.zeros((len(rows), *frame_size), bool), []
         unfit: SourceError | None = None
         for number, row in enumerate(rows):
             try:
-                masks[len(kept)] = _mask_of(row, frame_size)
+                masks[len(kept)] = _mask_of(row, size, frame_size)
             except SourceError as error:
                 unfit = error
                 if (key := (entry.source_index, number)) not in self._bad:
@@ -144,21 +150,36 @@ class CocoMasks:
     def _rows_of_annotations(
         self,
         raws: list[msgspec.Raw],
-        images: Mapping[int | str, str],
-        videos: Mapping[int | str, tuple[str, ...] | None],
+        images: Mapping[int | str, ImageRecord],
+        videos: Mapping[int | str, VideoRecord],
     ) -> Iterator[tuple[_Place | None, Detection]]:
         for found in decode_rows(raws, Detection, f"'{self._file}'"):
             row = found.record
             if row is None:
                 self._count_bad(found.error)
             elif row.segmentations is not None:
-                names = None if row.video_id is None else videos.get(row.video_id)
+                video = None if row.video_id is None else videos.get(row.video_id)
                 where = f"'{self._file}', row {found.number}, `segmentations`"
-                yield from self._rows_of_track(row, names, where)
+                for place, shape in self._rows_of_track(row, video and video.file_names, where):
+                    self._note_size(place, video)
+                    yield place, shape
             elif row.image_id is None:
                 self._count_bad(f"'{self._file}', row {found.number}: `image_id` is missing")
             else:
-                yield images.get(row.image_id, row.image_id), row
+                image = images.get(row.image_id)
+                place = (image and image.file_name) or row.image_id
+                self._note_size(place, image)
+                yield place, row
+
+    def _note_size(self, place: _Place, picture: ImageRecord | VideoRecord | None) -> None:
+        if picture is None or not picture.height or not picture.width:
+            return
+        if picture.height * picture.width > MAX_MASK_PIXELS:
+            raise SourceError(
+                f"'{self._file}': '{picture.id}' is {picture.width}x{picture.height} pixels, at "
+                f"most {MAX_MASK_PIXELS} are read; give masks of the frame's size"
+            )
+        self._size_of[place] = picture.height, picture.width
 
     def _rows_of_track(
         self, track: Detection, names: tuple[str, ...] | None, where: str
@@ -171,7 +192,7 @@ class CocoMasks:
             elif code.record is not None and names is not None and index >= len(names):
                 self._count_bad(f"{where}: there are more than its video has frames")
             elif code.record is not None:
-                place = names[index] if names else _Position(index)
+                place = names[index] if names else _Position(index, track.video_id)
                 changes: dict[str, Any] = {"segmentation": code.record, "instance_id": track.id}
                 yield place, replace(track, segmentations=None, bboxes=None, bbox=None, **changes)
 
@@ -235,12 +256,16 @@ def _say_bad_row(row: Detection) -> str:
     return "" if row.bbox is not None else "it has neither `segmentation` nor `bbox`"
 
 
-def _mask_of(row: Detection, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
+def _mask_of(
+    row: Detection, size: tuple[int, int], frame_size: tuple[int, int]
+) -> Bool[np.ndarray, "H W"]:
+    """The mask in the frame; `size` is that of the picture that boxes and polygons are of."""
     if not row.segmentation:
         assert row.bbox is not None
         left, top, width, height = row.bbox
-        return fill_boxes(np.array([[left, top, left + width, top + height]]), frame_size)[0]
-    mask = decode_mask(to_rle(row.segmentation, frame_size))
+        mask = fill_boxes(np.array([[left, top, left + width, top + height]]), size)[0]
+    else:
+        mask = decode_mask(to_rle(row.segmentation, size))
     return fit_plane(mask, frame_size, "a mask").view(bool)
 
 
@@ -252,23 +277,36 @@ def _keys_of(raws: list[msgspec.Raw]) -> set[str]:
     return set()
 
 
-def _match_places(
-    by_place: Mapping[_Place, list[Detection]], reader: Reader
-) -> dict[int, list[Detection]]:
-    """Detections by source frame."""
+def _match_places(places: Collection[_Place], reader: Reader, file: str) -> dict[int, _Place]:
+    """Places by source frame; only those in a folder of the name of the source, if there are any.
+
+    Raises:
+      SourceError: If two are of one frame, or of several videos without names of frames.
+    """
+    videos = sorted({str(place.video_id) for place in places if isinstance(place, _Position)})
+    if len(videos) > 1:
+        raise SourceError(
+            f"'{file}' has tracks of {len(videos)} videos without names of frames (`video_id` "
+            f"{', '.join(videos[:4])}); leave those of one video"
+        )
+    own = [p for p in places if isinstance(p, str) and reader.name in PurePosixPath(p).parts[:-1]]
     names = reader.entry_names or ()
     index_of: dict[Any, int] = {PurePosixPath(name).stem: i for i, name in enumerate(names)}
     for i, name in enumerate(names):
         number = last_number(name)
         index_of.setdefault(i if number is None else number, i)
-    rows: dict[int, list[Detection]] = defaultdict(list)
-    for place, found in by_place.items():
+    place_of: dict[int, _Place] = {}
+    for place in own or places:
         if isinstance(place, _Position):
             index: int | None = place.index
         elif reader.entry_names is None:
             index = last_number(place) if isinstance(place, str) else place
         else:
             index = index_of.get(PurePosixPath(place).stem if isinstance(place, str) else place)
-        if index is not None:
-            rows[index].extend(found)
-    return dict(rows)
+        if index is not None and place_of.setdefault(index, place) != place:
+            raise SourceError(
+                f"'{file}': '{place_of[index]}' and '{place}' are both frame {index} of "
+                f"'{reader.name}'; leave those of one video, or name the source after its folder "
+                "in the file"
+            )
+    return place_of

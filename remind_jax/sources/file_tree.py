@@ -15,8 +15,11 @@ from remind_jax.sources.source import UnreadableFrame
 
 
 def files_in(folder: Path) -> list[str]:
-    """Names of the files directly in a folder, naturally sorted; none if it is missing."""
-    return _names(folder, os.DirEntry.is_file)
+    """Names of the files directly in a folder, naturally sorted; none if it is missing.
+
+    Links that lead nowhere or in circles are files that cannot be read.
+    """
+    return _names(folder, _is_file_or_lost)
 
 
 def folders_in(folder: Path) -> list[str]:
@@ -24,8 +27,12 @@ def folders_in(folder: Path) -> list[str]:
     return _names(folder, os.DirEntry.is_dir)
 
 
+def _is_file_or_lost(entry: os.DirEntry[str]) -> bool:
+    return (entry.is_symlink() and not os.path.exists(entry.path)) or entry.is_file()
+
+
 def _names(folder: Path, is_wanted: Callable[[os.DirEntry[str]], bool]) -> list[str]:
-    """Names that are not hidden; links that lead nowhere or in circles lead to nothing."""
+    """Names that are not hidden."""
     names = []
     try:
         with os.scandir(folder) as entries:

@@ -11,7 +11,7 @@ from pathlib import Path
 from remind_jax.errors import SourceError
 from remind_jax.formats.pictures import IMAGE_SUFFIXES, TIMES_NAME, decode_image
 from remind_jax.frame import UNTIMED_FPS, SkippedFrame
-from remind_jax.sources.file_tree import files_in, read_of_frame, require_inside
+from remind_jax.sources.file_tree import files_in, natural_key, read_of_frame, require_inside
 from remind_jax.sources.sampling import MAX_TIME_S, mean_rate
 from remind_jax.sources.source import Content, Entry, Report
 
@@ -55,7 +55,7 @@ class ImageReader:
             raise SourceError(f"'{folder}' holds no images ({', '.join(IMAGE_SUFFIXES)})")
         self.name = name
         shown_fps = fps or UNTIMED_FPS
-        known_s = _read_times(folder / TIMES_NAME, len(file_names))
+        known_s = _read_times(folder, file_names)
         self._is_timed = known_s is not None or fps is not None
         self._times_s = known_s or [index / shown_fps for index in range(len(file_names))]
         self.fps: float | None = mean_rate(self._times_s, shown_fps)
@@ -74,12 +74,20 @@ class ImageReader:
             report(SkippedFrame(self._others[0], reason, count=len(self._others)))
 
 
-def _read_times(path: Path, num: int) -> list[float] | None:
-    """Seconds of the first `num` pictures; None where no file tells."""
+def _read_times(folder: Path, file_names: Sequence[str]) -> list[float] | None:
+    """Seconds of these pictures of a folder; None where no file tells."""
+    path = folder / TIMES_NAME
     if not os.path.isfile(path):
         return None
-    times_s = []
-    for number, line in enumerate(read_of_frame(path).decode("ascii", "replace").split()[:num]):
+    names = sorted(dict.fromkeys([*list_images(folder), *file_names]), key=natural_key)
+    lines = read_of_frame(path).decode("ascii", "replace").rstrip().splitlines()
+    if len(lines) - len(names) not in (0, 1):  # 1: of a picture that was not written any more
+        raise SourceError(
+            f"'{path}' has {len(lines)} lines, its folder {len(names)} pictures; give one line "
+            "per picture, or remove the file"
+        )
+    times_s: list[float] = []
+    for number, line in enumerate(lines[: len(names)]):
         try:
             time_s = float(line)
         except ValueError:
@@ -89,13 +97,14 @@ def _read_times(path: Path, num: int) -> list[float] | None:
                 f"line {number + 1} of '{path}' is {line[:40]!r}; give the seconds of "
                 "one picture in every line, or remove the file"
             )
+        if times_s and time_s < times_s[-1]:
+            raise SourceError(
+                f"line {number + 1} of '{path}' is {time_s}, before the {times_s[-1]} of the line "
+                "above; give seconds that do not descend, or remove the file"
+            )
         times_s.append(time_s)
-    if len(times_s) < num:
-        raise SourceError(
-            f"'{path}' has the times of {len(times_s)} of {num} pictures; give all of "
-            "them, or remove the file"
-        )
-    return times_s
+    time_of = dict(zip(names, times_s, strict=True))
+    return [time_of[name] for name in file_names]
 
 
 def list_images(folder: Path) -> list[str]:

@@ -21,8 +21,10 @@ from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.file_tree import files_in, frame_stem, last_number, read_of_frame
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
+from remind_jax.sources.video import VideoReader
 
 Unlabelled = Literal["error", "skip"]
+MAP_SUFFIXES = (".png", ".tif", ".tiff")
 MAX_ASPECT_DIFFERENCE = 0.01
 NUM_CHECKED = 3  # annotations looked at before work starts
 _FEW_INSTANCES = 64
@@ -51,9 +53,9 @@ class LabelMaps:
     ) -> None:
         self._folder = folder
         self._classes, self._unlabelled = classes, unlabelled
-        files = [n for n in files_in(folder) if n.lower().endswith((".png", ".tif", ".tiff"))]
+        files = list_maps(folder)
         if not files:
-            raise SourceError(f"'{folder}' holds no annotations (.png)")
+            raise SourceError(f"'{folder}' holds no annotations ({', '.join(MAP_SUFFIXES)})")
         self._file_of = match_annotations(
             files, None if by_position else reader.entry_names, reader.num_entries
         )
@@ -66,11 +68,13 @@ class LabelMaps:
             )
         self.frames = self._file_of.keys()
         self.notes: list[str] = []
-        if reader.entry_names is not None and len(self._file_of) < len(reader.entry_names):
+        is_estimate = isinstance(reader, VideoReader) and reader.end_s is not None
+        num_frames = 0 if is_estimate else reader.num_entries or 0
+        lacking = num_frames - len(self._file_of)
+        if lacking > 0:
             self.notes.append(
-                f"{len(reader.entry_names) - len(self._file_of)} of {len(reader.entry_names)} "
-                f"frames of '{reader.name}' have no annotation and count as frames without "
-                "detections"
+                f"{lacking} of {num_frames} frames of '{reader.name}' have no annotation and count "
+                "as frames without detections"
             )
         self._has_void = self._find_void()
         self._check_some()
@@ -137,6 +141,11 @@ class LabelMaps:
             except UnreadableFrame:
                 continue
         return ids
+
+
+def list_maps(folder: Path) -> list[str]:
+    """Names of the instance maps directly in a folder."""
+    return [name for name in files_in(folder) if name.lower().endswith(MAP_SUFFIXES)]
 
 
 def detections_in(
@@ -212,15 +221,26 @@ def match_annotations(
       frame_names: Names of the frames in order; None where annotations are numbered by the
         frame's place (videos): from 0, or from 1 where there is no annotation 0 and the last one
         equals the count of frames.
+
+    Raises:
+      SourceError: If two have one number, and it is the number that counts.
     """
-    numbers = {number: f for f in files if (number := last_number(f)) is not None}
+    stems = {frame_stem(file): file for file in files}
+    names = [] if frame_names is None else frame_names
+    by_stem = {i: stems[frame_stem(n)] for i, n in enumerate(names) if frame_stem(n) in stems}
+    if by_stem:
+        return by_stem
+    numbers: dict[int, str] = {}
+    for file in files:
+        number = last_number(file)
+        if number is not None and numbers.setdefault(number, file) != file:
+            raise SourceError(
+                f"annotations '{numbers[number]}' and '{file}' both have the number {number}, and "
+                "no name is that of a frame; give one instance map per frame, named after it"
+            )
     if frame_names is None:
         first = 1 if 0 not in numbers and max(numbers, default=0) == num_frames else 0
         return {number - first: file for number, file in numbers.items()}
-    stems = {frame_stem(file): file for file in files}
-    by_stem = {i: stems[frame_stem(n)] for i, n in enumerate(frame_names) if frame_stem(n) in stems}
-    if by_stem:
-        return by_stem
     by_number = {i: last_number(name) for i, name in enumerate(frame_names)}
     matched = {i: numbers[n] for i, n in by_number.items() if n is not None and n in numbers}
     if matched:

@@ -13,7 +13,7 @@ from remind_jax.sources import davis, scannetpp
 from remind_jax.sources.class_names import Metadata, find_metadata, read_metadata
 from remind_jax.sources.file_tree import files_in, folders_in
 from remind_jax.sources.image_folder import IMAGE_SUFFIXES, ImageReader, list_images
-from remind_jax.sources.label_maps import LabelMaps, Unlabelled
+from remind_jax.sources.label_maps import MAP_SUFFIXES, LabelMaps, Unlabelled, list_maps
 from remind_jax.sources.source import MaskProvider, Reader
 from remind_jax.sources.video import VideoReader
 
@@ -60,10 +60,10 @@ def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
     """
     if not path.is_dir():
         raise SourceError(
-            f"'{path}' is no folder; masks are a folder of instance maps (.png) or COCO run-length "
-            "JSON"
+            f"'{path}' is no folder; masks are a folder of instance maps "
+            f"({', '.join(MAP_SUFFIXES)}) or COCO run-length JSON"
         )
-    if _holds_maps(path):
+    if list_maps(path):
         metadata = _metadata(path, METADATA_BESIDE_MASKS, reader.name, choice)
         return _maps(path, reader, metadata, choice)()
     place = scannetpp.find_masks(path)
@@ -76,7 +76,7 @@ def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
                 metadata = _metadata(path, davis.metadata_files(name), name, choice)
                 return _maps(folder, reader, metadata, choice)()
     raise SourceError(
-        f"'{path}' holds no instance maps (.png), neither directly nor in "
+        f"'{path}' holds no instance maps ({', '.join(MAP_SUFFIXES)}), neither directly nor in "
         f"{davis.ANNOTATIONS}/{reader.name} or {scannetpp.EXPORTED}/<variant>"
     )
 
@@ -90,7 +90,7 @@ def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
     if choice.sequence is None:
         return
     mask_folder = Path(masks) if isinstance(masks, str | Path) else None
-    if mask_folder is not None and mask_folder.is_dir() and not _holds_maps(mask_folder):
+    if mask_folder is not None and mask_folder.is_dir() and not list_maps(mask_folder):
         return
     is_davis = path is not None and path.is_dir() and davis.is_davis(path)
     if is_davis or (path is not None and davis.split_davis_path(path) is not None):
@@ -101,10 +101,6 @@ def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
         "choice; leave it out",
         "sequence",
     )
-
-
-def _holds_maps(folder: Path) -> bool:
-    return any(name.lower().endswith(".png") for name in files_in(folder))
 
 
 def _locate_in_folder(path: Path, choice: Choice) -> Located:

@@ -48,7 +48,8 @@ class VideoReader:
         with self._open() as container:
             stream = _video_stream(container, file)
             self.fps = _positive(stream.average_rate) or _positive(stream.guessed_rate)
-            self.num_entries, self._end_s = _count_frames(container, stream, self.fps)
+            # Where frames are not counted, their number is an estimate by this end in seconds.
+            self.num_entries, self.end_s = _count_frames(container, stream, self.fps)
         self._require_a_frame()
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
@@ -97,8 +98,8 @@ class VideoReader:
         if self.num_entries is None:
             return
         missing, tolerated = self.num_entries - num_seen, 0
-        if self._end_s is not None and self.fps is not None:
-            missing = round((self._end_s - last_s) * self.fps) - 1
+        if self.end_s is not None and self.fps is not None:
+            missing = round((self.end_s - last_s) * self.fps) - 1
             tolerated = max(1, round(self.num_entries * ESTIMATE_SLACK))
         if missing > tolerated:
             name = f"frames {num_seen} to {num_seen + missing - 1}"

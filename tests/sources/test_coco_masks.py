@@ -80,6 +80,28 @@ def test_video_annotations(tmp_path):
     assert making.detections_in(frames[1]).instance_ids.tolist() == [9]
 
 
+@pytest.mark.parametrize("shape", ["polygon", "box", "track"])
+def test_shapes_of_pictures_of_another_size_are_scaled(tmp_path, shape):
+    height, width = (2 * side for side in making.SIZE)
+    size = {"height": height, "width": width}
+    polygon = [[8, 8, 24, 8, 24, 16, 8, 16]]
+    form = {"bbox": [8, 8, 16, 8]} if shape == "box" else {"segmentation": polygon}
+    image = {"id": 3, "file_name": "00003.png", **size}
+    content = {"images": [image], "annotations": [{"image_id": 3, "label": "a", **form}]}
+    if shape == "track":
+        tracks = [{"id": 1, "video_id": 1, "label": "a", "segmentations": [polygon]}]
+        content = {"videos": [{"id": 1, **size}], "annotations": tracks}
+    wanted = np.zeros(making.SIZE, bool)
+    wanted[4:8, 4:12] = True
+    frame = next(iter(opened(tmp_path, content)))
+    np.testing.assert_array_equal(making.detections_in(frame).masks, [wanted])
+    record = content["images" if "images" in content else "videos"][0]
+    for wrong in ({"height": width}, {"height": 1 << 16, "width": 1 << 16}):
+        record.update(wrong)
+        with pytest.raises(SourceError, match=r"width x height|65536x65536"):
+            list(opened(tmp_path, content))
+
+
 def test_frames_one_per_line(tmp_path):
     lines = [
         {"name": "00003.png", "detections": [{"label": "cup", "bbox": [1, 2, 3, 4], "score": 0.5}]},
@@ -121,6 +143,24 @@ def test_detections_of_no_frame_are_counted_and_told(tmp_path, numbers, sampling
         assert sum(1 for _ in source) > 0
         assert told in " ".join(source.notes)
         assert len(source.notes) == bool(told)
+
+
+@pytest.mark.parametrize("form", ["tracks", "results", "images"])
+def test_of_several_videos_one_is_taken_by_its_folder_or_none(tmp_path, form):
+    names = ["00003.png", "00004.png"]
+    videos = [{"id": n, "file_names": [f"{n}/{name}" for name in names]} for n in "vw"]
+    tracks = [{"id": 1, "video_id": n, "label": n, "segmentations": [RLE, None]} for n in "vw"]
+    images = [{"id": f"{n}{name}", "file_name": f"x/{n}/{name}"} for n in "vw" for name in names]
+    boxes = [{"image_id": f"{n}00003.png", "label": n, "bbox": [1, 2, 3, 4]} for n in "vw"]
+    content = {
+        "tracks": {"videos": videos, "annotations": tracks},
+        "results": tracks,
+        "images": {"images": images, "annotations": boxes},
+    }[form]
+    if form != "results":
+        assert seen(opened(tmp_path, content)) == [(("v",), [1.0]), ((), [])]
+    with pytest.raises(SourceError, match="one video"):
+        opened(tmp_path, content, name="other")
 
 
 GOOD = {"image_id": 3, "label": "a", "segmentation": RLE}

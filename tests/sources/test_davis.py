@@ -29,6 +29,15 @@ def test_root_and_sequence(tmp_path, place):
             np.testing.assert_array_equal(mask, making.instance_map() == instance_id)
 
 
+def test_the_folder_above_is_a_sequence_as_well(tmp_path, monkeypatch):
+    making.write_davis(tmp_path)
+    (tmp_path / "JPEGImages/room/sub").mkdir()
+    monkeypatch.chdir(tmp_path / "JPEGImages/room/sub")
+    source = open_source("..")
+    assert source.name == "room"
+    assert [len(making.detections_in(frame)) for frame in source] == [2] * 3
+
+
 def test_without_annotations_there_are_no_detections(tmp_path):
     making.write_images(tmp_path / "JPEGImages" / "room", ["0.jpg"])
     (frame,) = open_source(tmp_path)

@@ -26,8 +26,16 @@ def test_archives_are_to_be_unpacked(tmp_path, name):
         open_source(tmp_path / name)
 
 
-def test_links_in_circles_are_no_files(tmp_path):
-    making.write_images(tmp_path, ["1.png"])
+def test_links_that_lead_nowhere_are_frames_that_cannot_be_read(tmp_path):
+    making.write_images(tmp_path, ["1.png", "3.png"])
     (tmp_path / "0.png").symlink_to(tmp_path / "0.png")
-    (tmp_path / "2.png").symlink_to("/dev/zero")
-    assert [frame.name for frame in open_source(tmp_path)] == ["1.png"]
+    (tmp_path / "2.png").symlink_to(tmp_path / "gone.png")
+    (tmp_path / "4.png").symlink_to("/dev/zero")
+    source = open_source(tmp_path)
+    assert [(frame.name, frame.source_index) for frame in source] == [("1.png", 1), ("3.png", 3)]
+    assert [skipped.name for skipped in source.skipped] == ["0.png", "2.png"]
+
+
+def test_links_in_circles_are_no_folders(tmp_path):
+    (tmp_path / "a").symlink_to(tmp_path / "a")
+    assert folders_in(tmp_path) == []

@@ -33,10 +33,25 @@ def test_times_of_pictures_stand_in_a_file_beside_them(tmp_path):
         (0.75, True),
         (1.5, True),
     ]
-    for text, said in (("0\n1\n", "2 of 3"), ("0\nnan\n2\n", "'nan'"), ("0 1 x", "'x'")):
-        (tmp_path / "times.txt").write_text(text)
-        with pytest.raises(SourceError, match=said):
-            open_source(tmp_path)
+    assert [frame.time_s for frame in open_source(tmp_path / "1.png")] == [0.75]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0\n1\n", "2 lines, its folder 3 pictures"),
+        ("0\n1\n2\n3\n4\n", "5 lines, its folder 3 pictures"),
+        ("0\nnan\n2\n", "line 2 .* 'nan'"),
+        ("0 0.0\n1 0.5\n2 1.0\n", "line 1 .* '0 0.0'"),
+        ("0\n2\n1\n", "line 3 .* before"),
+    ],
+    ids=["too few", "too many", "no number", "columns", "backward"],
+)
+def test_times_that_are_not_those_of_the_pictures_are_refused(tmp_path, text, said):
+    making.write_images(tmp_path, ["0.png", "1.png", "2.png"])
+    (tmp_path / "times.txt").write_text(text)
+    with pytest.raises(SourceError, match=said):
+        open_source(tmp_path)
 
 
 def test_corrupt_image_is_skipped_and_reported(tmp_path):

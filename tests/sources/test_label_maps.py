@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -32,6 +33,30 @@ def test_video_frames_are_numbered_from_zero_or_one(numbers, num_frames, first):
     assert match_annotations(files, None, num_frames) == wanted
 
 
+@pytest.mark.parametrize("frames", [None, ["0000.jpg", "0001.jpg", "0002.jpg"]])
+@pytest.mark.parametrize("form", ["{:04d}_v2.png", "0000_{}.png 0001_{}.png"])
+def test_two_annotations_of_one_number_are_refused(form, frames):
+    files = [file for n in range(3) for file in form.format(n, n).split()]
+    with pytest.raises(SourceError, match=r"'000\d_\w+\.png' and '000\d_\w+\.png'"):
+        match_annotations(files, frames, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("JPEGImages/v", "3 of 6 frames of 'v'"), ("v.mp4", "3 of 6 frames of 'v'"), ("v.mkv", "")],
+    ids=["pictures", "video", "video of a length that is only estimated"],
+)
+def test_frames_without_annotation_are_told(tmp_path, name, told):
+    making.write_davis(tmp_path, "v", 3)
+    if name.startswith("v."):
+        making.write_video(tmp_path / name, 6)
+    else:
+        making.write_images(tmp_path / name, [f"{i:05d}.jpg" for i in range(6)])
+    notes = open_source(tmp_path / name, masks=tmp_path / "Annotations/v").notes
+    assert len(notes) == bool(told)
+    assert "".join(notes).startswith(told)
+
+
 def test_masks_of_other_frames_are_refused(tmp_path):
     making.write_images(tmp_path / "v", ["7.jpg", "8.jpg"])
     (tmp_path / "m").mkdir()
@@ -50,6 +75,15 @@ def test_masks_folder_beside_any_images(tmp_path):
             ("cup", "desk_lamp"),
             (),
         ]
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".TIFF"])
+def test_a_folder_of_maps_of_any_suffix_that_is_read(tmp_path, suffix):
+    making.write_images(tmp_path / "v", ["0.jpg"])
+    (tmp_path / "m").mkdir()
+    cv2.imwrite(str(tmp_path / f"m/0{suffix}"), making.instance_map())
+    (frame,) = open_source(tmp_path / "v", masks=tmp_path / "m")
+    assert making.detections_in(frame).instance_ids.tolist() == [1, 2]
 
 
 @pytest.mark.parametrize("shown", [(1, 255), (255,)])
