@@ -32,7 +32,7 @@ from remind_jax.static import Static
 
 # A memory of so many bytes at most stays beside the one after the frame, so that Ctrl-C within a
 # step loses nothing. For two larger ones there may be no room, and to copy them takes its time.
-_SMALL_BYTES = 16 << 20
+_SMALL_BYTES = 128 << 20
 
 
 @jax.tree_util.register_dataclass

@@ -70,8 +70,8 @@ class ImageRecord(msgspec.Struct, frozen=True):
 
     id: Id
     file_name: Text | None = None
-    height: _Size | None = None
-    width: _Size | None = None
+    height: int | float | str | None = None  # some write "480" or 480.0
+    width: int | float | str | None = None
 
 
 class VideoRecord(msgspec.Struct, frozen=True):

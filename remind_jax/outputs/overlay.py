@@ -19,7 +19,7 @@ from remind_jax.crops import Crops, nearest_places
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import SourceError
 from remind_jax.files import writing
-from remind_jax.frame import Rle, frame_of
+from remind_jax.frame import UNTIMED_FPS, Rle, frame_of
 from remind_jax.masks.run_length import cut_masks, encode_masks
 from remind_jax.outputs.drawing import (
     AMBIGUOUS,
@@ -229,6 +229,11 @@ def is_playable(path: Path) -> bool:
         return False
 
 
+def shown_fps(fps: float) -> float:
+    """The rate of the video: that of the run, if players can show it frame by frame."""
+    return fps if 1 <= fps <= 240 else UNTIMED_FPS
+
+
 class OverlayVideo(contextlib.AbstractContextManager):
     """Writes an H.264 video frame by frame; browsers play it and seek in it.
 
@@ -238,7 +243,7 @@ class OverlayVideo(contextlib.AbstractContextManager):
 
     def __init__(self, path: Path, fps: float) -> None:
         self._path, self._partial = path, path.with_name(f"{path.name}.part")
-        self._rate = Fraction(fps).limit_denominator(1001)
+        self._rate = Fraction(shown_fps(fps)).limit_denominator(1001)
         options = {"movflags": "+faststart"}
         with writing(path, FFmpegError):
             self._container = av.open(str(self._partial), "w", format="mp4", options=options)

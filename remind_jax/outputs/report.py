@@ -23,7 +23,7 @@ from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.explanation.explanation import to_jsonable
 from remind_jax.outputs.drawing import encode_jpeg, identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
-from remind_jax.outputs.overlay import OVERLAY_NAME, is_playable
+from remind_jax.outputs.overlay import OVERLAY_NAME, is_playable, shown_fps
 from remind_jax.outputs.presence import (
     ObjectHistory,
     Span,
@@ -85,7 +85,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
         "footer": f"Made by remind-jax {info.versions['remind_jax']}.",
         "video": video,
         "explanations": pack_explanations(result),
-        "fps": info.fps,
+        "fps": shown_fps(info.fps),
         "classes": list(class_of),
         "frames": [_frame_data(tracks, class_of) for tracks in result.tracks],
         "outcomes": [outcome.name.lower() for outcome in Outcome],

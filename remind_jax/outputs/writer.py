@@ -346,5 +346,4 @@ def _prepare_folder(folder: Path, overwrite: bool, resume: bool) -> None:
 
 
 def _usable_fps(fps: float) -> float:
-    """Those that players show frame by frame."""
-    return float(fps) if 1 <= fps <= 240 else UNTIMED_FPS
+    return float(fps) if np.isfinite(fps) and fps > 0 else UNTIMED_FPS

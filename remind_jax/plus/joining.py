@@ -56,10 +56,11 @@ def join(
     matched = [(known, one) for one, known in declared.items()]
     ambiguous: dict[int, tuple[int, ...]] = {}
     known = Side.of(here, partners_here, this.merged_into)
+    # What an object was declared to be may be gone; no id here is negative.
     merged = {
-        ids[gone]: ids[kept]
+        ids[gone]: ids.get(kept, -1 - kept)
         for gone, kept in that.merged_into.items()
-        if gone in ids and kept in ids
+        if gone in ids
     }
     asking = {one.id: one for one in moved if not {one.id, merged.get(one.id)} & declared.keys()}
     added = Side.of(asking, partners, merged)

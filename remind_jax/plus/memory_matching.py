@@ -81,8 +81,8 @@ class Side(NamedTuple):
         keys = first[present] * len(kept) + second[present]
         order = present[np.unique(keys, return_index=True)[1]]  # sorted, each once
         shown = [merged_into.get(one.id, one.id) for one in kept]
-        row_of_shown = {one: row_of.get(one, shown.index(one)) for one in set(shown)}
-        group = np.array([row_of_shown[one] for one in shown], int)
+        first_row = {one: row for row, one in reversed([*enumerate(shown)])}
+        group = np.array([row_of.get(one, first_row[one]) for one in shown], int)
         return cls(kept, first[order], second[order], partner[order], group)
 
     def values(self, name: str) -> np.ndarray:

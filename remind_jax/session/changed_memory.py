@@ -57,7 +57,8 @@ def join_memories(
     """
     method = get_method(memory.tracker)
     check_tracker(other, memory.tracker, path)
-    check_classes(other, {*memory.class_names} == {ANY_CLASS}, path)
+    if memory.class_names:
+        check_classes(other, {*memory.class_names} == {ANY_CLASS}, path)
     check_backbone(other, memory.backbone, memory.fingerprint, path)
     if method.host.join is None or memory.at_rest is None or other.at_rest is None:
         raise ConfigError(

@@ -209,11 +209,14 @@ def _check_outputs(
     recorded = None if record is None else FrameRecord(record, overwrite)
     if out is None:
         return None, recorded
-    record_file = None if mcap is None else as_path(mcap, "the record", OutputError)
-    if record_file is not None and record_file.exists() and not (overwrite or resume):
-        raise OutputError(f"'{record_file}' exists; choose another name or allow overwriting")
     folder = as_path(out, "the output folder", OutputError)
     check_folder(folder, overwrite, resume)
+    if mcap is not None:
+        file = as_path(mcap, "the record", OutputError)
+        if file.exists() and not (overwrite or (resume and folder.exists())):
+            raise OutputError(f"'{file}' exists; choose another name or allow overwriting")
+        if file.parent.absolute() != folder.absolute() and not file.parent.is_dir():
+            raise OutputError(f"'{file}' cannot be written: there is no folder '{file.parent}'")
     # The record of detections has the same name in both.
     if recorded is not None and recorded.target.absolute() == folder.absolute():
         raise OptionError(

@@ -5,7 +5,9 @@ Rows that are damaged are left out, counted and told in `notes`.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import math
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
@@ -172,14 +174,11 @@ class CocoMasks:
                 yield place, row
 
     def _note_size(self, place: _Place, picture: ImageRecord | VideoRecord | None) -> None:
-        if picture is None or not picture.height or not picture.width:
-            return
-        if picture.height * picture.width > MAX_MASK_PIXELS:
-            raise SourceError(
-                f"'{self._file}': '{picture.id}' is {picture.width}x{picture.height} pixels, at "
-                f"most {MAX_MASK_PIXELS} are read; give masks of the frame's size"
-            )
-        self._size_of[place] = picture.height, picture.width
+        given = () if picture is None else (picture.height, picture.width)
+        with contextlib.suppress(ValueError, OverflowError):  # not known
+            height, width = (int(float(side or 0)) for side in given)
+            if min(height, width) > 0:
+                self._size_of[place] = height, width
 
     def _rows_of_track(
         self, track: Detection, names: tuple[str, ...] | None, where: str
@@ -260,6 +259,12 @@ def _mask_of(
     row: Detection, size: tuple[int, int], frame_size: tuple[int, int]
 ) -> Bool[np.ndarray, "H W"]:
     """The mask in the frame; `size` is that of the picture that boxes and polygons are of."""
+    is_shape = not row.segmentation or isinstance(row.segmentation, list)
+    if is_shape and math.prod(size) > MAX_MASK_PIXELS:
+        raise SourceError(
+            f"its picture is {size[1]}x{size[0]} pixels, at most {MAX_MASK_PIXELS} are read; give "
+            "masks of the frame's size"
+        )
     if not row.segmentation:
         assert row.bbox is not None
         left, top, width, height = row.bbox

@@ -11,7 +11,13 @@ from pathlib import Path
 from remind_jax.errors import SourceError
 from remind_jax.formats.pictures import IMAGE_SUFFIXES, TIMES_NAME, decode_image
 from remind_jax.frame import UNTIMED_FPS, SkippedFrame
-from remind_jax.sources.file_tree import files_in, natural_key, read_of_frame, require_inside
+from remind_jax.sources.file_tree import (
+    files_in,
+    last_number,
+    natural_key,
+    read_of_frame,
+    require_inside,
+)
 from remind_jax.sources.sampling import MAX_TIME_S, mean_rate
 from remind_jax.sources.source import Content, Entry, Report
 
@@ -79,9 +85,12 @@ def _read_times(folder: Path, file_names: Sequence[str]) -> list[float] | None:
     path = folder / TIMES_NAME
     if not os.path.isfile(path):
         return None
-    names = sorted(dict.fromkeys([*list_images(folder), *file_names]), key=natural_key)
+    all_kinds = _list_by_kind(folder, (*IMAGE_SUFFIXES, *OTHER_SUFFIXES))
+    names = sorted(dict.fromkeys([*all_kinds, *file_names]), key=natural_key)
     lines = read_of_frame(path).decode("ascii", "replace").rstrip().splitlines()
-    if len(lines) - len(names) not in (0, 1):  # 1: of a picture that was not written any more
+    # Of a recording that was cut off, the last picture may lack.
+    may_lack = [last_number(name) for name in names] == [*range(len(names))]
+    if len(lines) - len(names) not in (0, int(may_lack)):
         raise SourceError(
             f"'{path}' has {len(lines)} lines, its folder {len(names)} pictures; give one line "
             "per picture, or remove the file"

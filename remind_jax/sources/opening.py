@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
-import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -222,7 +221,8 @@ def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
 def _existing(path: str | Path) -> Path:
     given = as_path(path, "the path", SourceError)
     try:
-        resolved = Path(os.path.abspath(given.expanduser()))
+        resolved = given.expanduser()
+        resolved = resolved.resolve() if ".." in resolved.parts else resolved.absolute()
     except RuntimeError as error:  # of a user that there is not
         raise SourceError(f"'{path}' is no path that can be read: {error}") from error
     if resolved.name.lower().endswith(PACKED):

@@ -54,21 +54,22 @@ class VideoReader:
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
         """Yields decoded pictures; damaged stretches and a missing end are reported."""
-        index, origin_s, time_s = 0, None, 0.0
+        index, origin_s, time_s, is_damaged = 0, None, 0.0, False
         with self._open() as container:
             stream = _video_stream(container, self._file)
             stream.thread_type = "AUTO"
             for frame in _decode(container, stream):
                 if isinstance(frame, SkippedFrame):
                     report(frame)
-                    index += frame.count
+                    index, is_damaged = index + frame.count, True
+                    time_s += frame.count / (self.fps or 1.0)
                     continue
                 time_s = frame.time if frame.time is not None else index / (self.fps or 1.0)
                 origin_s = time_s if origin_s is None else origin_s
                 read = functools.partial(read_picture, frame)
                 yield Entry(index, time_s - origin_s, f"{index:06d}", read, is_timed=True)
                 index += 1
-        self._report_missing_end(index, time_s, report)
+        self._report_missing(index, time_s, is_damaged, report)
 
     @contextlib.contextmanager
     def _open(self) -> Iterator[av.container.InputContainer]:
@@ -93,13 +94,16 @@ class VideoReader:
             why = f" ({reports[0].reason})" if reports else ""
             raise SourceError(f"no frame of the video '{self._file}' can be decoded{why}")
 
-    def _report_missing_end(self, num_seen: int, last_s: float, report: Report) -> None:
-        """Frames that are counted and not there; where their end alone is known, by time."""
+    def _report_missing(
+        self, num_seen: int, last_s: float, is_damaged: bool, report: Report
+    ) -> None:
+        """Frames that are not there, by their count; where that is an estimate, by time."""
         if self.num_entries is None:
             return
         missing, tolerated = self.num_entries - num_seen, 0
         if self.end_s is not None and self.fps is not None:
-            missing = round((self.end_s - last_s) * self.fps) - 1
+            by_time = round((self.end_s - last_s) * self.fps) - 1
+            missing = max(by_time, missing) if is_damaged else by_time
             tolerated = max(1, round(self.num_entries * ESTIMATE_SLACK))
         if missing > tolerated:
             name = f"frames {num_seen} to {num_seen + missing - 1}"

@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -203,8 +204,9 @@ def test_viewers_get_every_frame(tmp_path):
 
     mcap = tmp_path / "out.mcap"
     rj.run(PICTURES[:3], out=tmp_path / "run", overlay=False, mcap=mcap)
-    with pytest.raises(OutputError, match=r"out\.mcap' exists"):
-        rj.run(PICTURES[:3], out=tmp_path / "other", mcap=mcap)
+    for given, said in ((mcap, r"out\.mcap' exists"), (tmp_path / "no" / "x.mcap", "no folder")):
+        with pytest.raises(OutputError, match=said):
+            rj.run(PICTURES[:3], out=tmp_path / "other", mcap=given)
     with mcap.open("rb") as file:
         topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
     assert topics.count("/remind/tracks") == 3
@@ -234,3 +236,15 @@ def test_what_the_source_has_to_say_is_in_the_result(tmp_path):
     (event,) = result.events
     assert (event.frame_index, event.kind) == (-1, "input")
     assert "1 of 2" in event.message
+
+
+def test_a_slow_recording_keeps_its_rate_beside_an_overlay_that_plays(tmp_path):
+    making.write_images(tmp_path / "frames", ["0.png", "1.png"])
+    (tmp_path / "masks").mkdir()
+    for name in ("0.png", "1.png"):
+        making.write_image(tmp_path / "masks" / name, np.zeros(making.SIZE, np.uint8))
+    given = {"masks": tmp_path / "masks", "image_fps": 0.001}
+    result = rj.run(tmp_path / "frames", out=tmp_path / "run", **given)
+    assert result.info.fps == Result.load(tmp_path / "run").info.fps == 0.001
+    with av.open(str(tmp_path / "run" / "overlay.mp4")) as video:
+        assert video.streams.video[0].average_rate == 10

@@ -1,4 +1,5 @@
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,7 +84,9 @@ def test_video_annotations(tmp_path):
 @pytest.mark.parametrize("shape", ["polygon", "box", "track"])
 def test_shapes_of_pictures_of_another_size_are_scaled(tmp_path, shape):
     height, width = (2 * side for side in making.SIZE)
-    size = {"height": height, "width": width}
+    size: dict[str, Any] = {"height": height, "width": width}
+    if shape == "box":
+        size = {"height": str(height), "width": float(width)}  # as some write them
     polygon = [[8, 8, 24, 8, 24, 16, 8, 16]]
     form = {"bbox": [8, 8, 16, 8]} if shape == "box" else {"segmentation": polygon}
     image = {"id": 3, "file_name": "00003.png", **size}
