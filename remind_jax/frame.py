@@ -123,7 +123,7 @@ class Frame:
     none; an empty `Detections` means that the source says that there is nothing.
     """
 
-    index: int  # 0, 1, 2, ... over processed frames
+    index: int  # 0, 1, 2, ... over processed frames; `Tracker.update` numbers them by itself
     source_index: int  # number in the source, before sampling
     time_s: float  # presentation time from the start of the source
     name: str  # file name or frame number as text, for messages and outputs

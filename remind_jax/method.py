@@ -61,8 +61,8 @@ class AtRest(Protocol):
         """The memory with what the next frame may show; None if nothing comes."""
         ...
 
-    def settle(self, state: Any) -> None:
-        """Lets go of what is in the memory now: the calls above add to here, and take nothing away.
+    def drop_present(self, state: Any) -> None:
+        """Lets go of what is in the memory now; the calls above let nothing go.
 
         So nothing is lost where one of them is stopped before its answer is kept, as by Ctrl-C.
         """

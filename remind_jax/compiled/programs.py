@@ -76,9 +76,7 @@ def get_program(recipe: Recipe) -> Program:
     Whoever asks for a program that another thread is making waits for that thread.
     """
     if is_jit_off():
-        outputs, structure = jax.tree.flatten(jax.eval_shape(recipe.function, *recipe.shapes))
-        run = lambda *leaves: jax.tree.leaves(recipe.function(*map(jnp.asarray, leaves)))  # noqa: E731
-        return Program(run, shapes_of(outputs), 0, structure)
+        return _uncompiled(recipe)
     key = (recipe, _settings())
     with _lock:
         future = _programs.get(key)
@@ -102,6 +100,14 @@ def get_program(recipe: Recipe) -> Program:
     program = future.result()
     _waited.seconds = waited_s() + time.perf_counter() - start
     return program
+
+
+def _uncompiled(recipe: Recipe) -> Program:
+    def run(*leaves: Any) -> list[jax.Array]:
+        return jax.tree.leaves(recipe.function(*map(jnp.asarray, leaves)))
+
+    outputs, structure = jax.tree.flatten(jax.eval_shape(recipe.function, *recipe.shapes))
+    return Program(run, shapes_of(outputs), 0, structure)
 
 
 def is_jit_off() -> bool:

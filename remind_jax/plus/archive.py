@@ -165,7 +165,7 @@ class Archive:
     def wake(
         self, state: PlusState, ids: Iterable[int], center: Float[np.ndarray, "2"]
     ) -> PlusState:
-        """Puts objects into free slots of a memory of host arrays; they rest until `settle`.
+        """Puts objects into free slots of a memory of host arrays; they rest until `drop_present`.
 
         Args:
           state: The memory, which has room for them.
@@ -200,7 +200,7 @@ class Archive:
         _relate(pairs, slots[meet], others[meet], partners[meet])
         return dataclasses.replace(state, objects=objects, pairs=pairs)
 
-    def settle(self, state: PlusState) -> None:
+    def drop_present(self, state: PlusState) -> None:
         """Lets go of objects at rest that are in the memory."""
         for object_id in {*np.asarray(state.objects.id).tolist()} & self._resting.keys():
             self._let_go(object_id)

@@ -117,9 +117,9 @@ class ObjectsAtRest:
         self._came = before | dict.fromkeys(wanted, int(state.frame))
         return self.archive.wake(state, wanted, np.asarray(sightings.frame_center))
 
-    def settle(self, state: PlusState) -> None:
+    def drop_present(self, state: PlusState) -> None:
         """Lets go of what is in the memory."""
-        self.archive.settle(state)
+        self.archive.drop_present(state)
 
     def ids(self) -> list[int]:
         """Ids of all objects at rest."""

@@ -209,21 +209,21 @@ def _link(
         t.mobility,
     )
     return _Linked(
-        tick,
-        is_tick,
-        sightings,
-        second,
-        origin,
-        cropped,
-        counts,
-        change,
-        likeness,
-        confused,
-        link_trust,
-        tracklets,
-        next_id,
-        objects,
-        pairs,
+        tick=tick,
+        is_tick=is_tick,
+        sightings=sightings,
+        second=second,
+        origin=origin,
+        cropped=cropped,
+        counts=counts,
+        change=change,
+        likeness=likeness,
+        confused=confused,
+        trust=link_trust,
+        tracklets=tracklets,
+        next_id=next_id,
+        objects=objects,
+        pairs=pairs,
     )
 
 
@@ -235,12 +235,8 @@ def _recognize(
     t: PlusThresholds,
 ) -> tuple[PlusState, Verdicts]:
     frame, num = state.frame, static.num_detections
-    sightings, tracklets, objects, pairs = (
-        linked.sightings,
-        linked.tracklets,
-        linked.objects,
-        linked.pairs,
-    )
+    sightings, tracklets = linked.sightings, linked.tracklets
+    objects, pairs = linked.objects, linked.pairs
     origin, counts, confused = linked.origin, linked.counts, linked.confused
     here = _trusted(jax.tree.map(lambda leaf: leaf[:num], tracklets), linked.trust)
     # Which differences of looks matter in this scene?

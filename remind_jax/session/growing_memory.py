@@ -161,11 +161,11 @@ class GrowingMemory:
         while True:
             described = self.frame_step.describe(make_input(self.static), self.static)
             if self.at_rest is not None and outlines is None and self.at_rest.ids():
-                self.at_rest.settle(self.state)
+                self.at_rest.drop_present(self.state)
                 recalled = self.at_rest.recall(self.state, described.seen, self.static)
                 if recalled is not None:
                     self.state = recalled
-                    self.at_rest.settle(recalled)
+                    self.at_rest.drop_present(recalled)
             self._bundle, self._state = self._bundle or Bundle.of(self._state), None
             # Kept at once: the step may take over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.

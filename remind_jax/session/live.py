@@ -506,7 +506,7 @@ class Tracker(Printable):
             raise SourceError("there is no memory before the first frame; 'load' a file for one")
         announced = self.identities.announcements
         if self._memory.at_rest is not None:
-            self._memory.at_rest.settle(self.state)
+            self._memory.at_rest.drop_present(self.state)
         return SavedMemory(
             state=self.state,
             static=self.static,

@@ -87,7 +87,7 @@ def test_rest_and_return_lose_nothing_but_the_place():
     for order in (sorted(archive.ids()), sorted(archive.ids(), reverse=True)):
         woken = archive.wake(rested, order, CENTER)
         assert sorted(archive.ids()) == sorted(order)
-        archive.settle(woken)
+        archive.drop_present(woken)
         assert not len(archive)
         for name, leaf in by_id(woken).items():
             np.testing.assert_array_equal(leaf, by_id(state)[name], name)
@@ -116,7 +116,7 @@ def test_relations_outlast_a_rest_of_either_object():
         both = state_without
         for one in order:
             both = archive.wake(both, [one], CENTER)
-            archive.settle(both)
+            archive.drop_present(both)
         for name, leaf in by_id(both).items():
             np.testing.assert_array_equal(leaf, by_id(state)[name], name)
         # What both learned of each other since then is what both know after another rest.

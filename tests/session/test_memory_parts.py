@@ -34,7 +34,7 @@ class Life:
 
     def wake(self, ids) -> None:
         self.state = self.at_rest.archive.wake(self.state, ids, CENTER)
-        self.at_rest.settle(self.state)
+        self.at_rest.drop_present(self.state)
 
     def go_on(self, frame: int) -> None:
         """Two objects come back, of which one rests again at once, and one is forgotten."""
