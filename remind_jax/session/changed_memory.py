@@ -17,12 +17,8 @@ from remind_jax.errors import ConfigError, RemindError
 from remind_jax.method import Joining, get_method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.session.announcement import Announcements
-from remind_jax.session.memory_file import (
-    SavedMemory,
-    check_backbone,
-    check_classes,
-    check_tracker,
-)
+from remind_jax.session.memory_file import SavedMemory
+from remind_jax.session.memory_fit import check_backbone, check_classes, check_tracker
 from remind_jax.session.preparation import ANY_CLASS
 
 

@@ -37,14 +37,11 @@ from remind_jax.session.identities import Identities
 from remind_jax.session.memory_file import (
     MemoryFile,
     SavedMemory,
-    check_backbone,
-    check_classes,
     check_precision,
-    check_tracker,
     load_memory,
     save_memory,
-    static_of,
 )
+from remind_jax.session.memory_fit import check_backbone, check_classes, check_tracker, static_of
 from remind_jax.session.object_records import ObjectRecords, RememberedObject
 from remind_jax.session.preparation import FramePreparer, Prepared
 from remind_jax.settings.ranges import check_option, check_switch

@@ -16,9 +16,6 @@ from safetensors import SafetensorError
 from safetensors.numpy import save
 
 from remind_jax import files
-from remind_jax.config import Config
-from remind_jax.config.dotted_keys import flatten_fields
-from remind_jax.config.keys import how_to_choose
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
 from remind_jax.files.records import check, decode_json
 from remind_jax.files.tensors import SafetensorsPart, checksum_of
@@ -38,11 +35,8 @@ from remind_jax.session.memory_parts import (
 )
 from remind_jax.session.object_pictures import MAX_FILE_BYTES
 from remind_jax.session.object_records import ObjectRecords
-from remind_jax.session.preparation import ANY_CLASS
 from remind_jax.static import Static
 
-_GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
-_BOUND = ("first_object_id", "precision")  # a memory has them from its start
 _PICTURES = "pictures"  # of all objects, one after another
 _AT_REST = "at_rest."  # before the names of what objects at rest are made of
 
@@ -203,7 +197,7 @@ def load_memory(path: str | Path) -> SavedMemory:
     metadata, tensors = parts[-1].metadata, parts[-1].tensors
     static, names, announced, _ = _read_description(metadata, path)
     method = get_method(metadata["tracker"])
-    expected = _shape(method.name, static)
+    expected = shape_of(method.name, static)
     leaves = dict(named_leaves(expected))
     tensors = as_now(tensors, metadata["schema"], method, static, leaves)
     _check_tensors(tensors, leaves, path)
@@ -286,97 +280,9 @@ def check_precision(static: Static, said: str, refused: type[RemindError]) -> No
         )
 
 
-def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
-    """Refuses the memory of another tracker.
-
-    Raises:
-      RemindError: If the trackers differ.
-    """
-    if memory.tracker != tracker:
-        raise RemindError(
-            f"{path} is the memory of tracker '{memory.tracker}', not '{tracker}'; go on with "
-            f"{how_to_choose(memory.tracker)}"
-        )
-
-
-def check_classes(memory: SavedMemory, is_agnostic: bool, path: str | Path) -> None:
-    """Refuses a memory of classes where none are told apart, and the other way around.
-
-    Raises:
-      RemindError: If its objects would not be recognized for that.
-    """
-    has_classes = any(name != ANY_CLASS for name in memory.class_names)
-    if memory.class_names and has_classes == is_agnostic:
-        made, hint = ("with", "leave out") if has_classes else ("without", "set")
-        raise RemindError(
-            f"{path} was made {made} classes; {hint} input.class_agnostic, or start without the "
-            "memory"
-        )
-
-
-def _chosen_switches(config: Config) -> dict[str, Any]:
-    """What a configuration chose of `static` beside capacities that follow the frames, by key."""
-    switches = type(config.static.switches)()
-    published = dict(flatten_fields(Static(switches=switches)))
-    return {
-        key: value
-        for key, value in flatten_fields(config.static)
-        if key not in _GROWN and (f"static.{key}" in config.chosen or value != published[key])
-    }
-
-
-def _with_switch(static: Static, key: str, value: Any) -> Static:
-    """The same with another value of one key, dotted."""
-    section, _, name = key.rpartition(".")
-    if not section:
-        return dataclasses.replace(static, **{name: value})
-    switches = dataclasses.replace(static.switches, **{name: value})
-    return dataclasses.replace(static, switches=switches)
-
-
-def static_of(memory: SavedMemory, config: Config, path: str | Path) -> Static:
-    """Capacities and structural switches to go on with: those of the memory.
-
-    Switches that a configuration chose take their place where the memory has room for them.
-
-    Raises:
-      RemindError: If one of them asks for a memory of another shape.
-    """
-    static, made_with = memory.static, dict(flatten_fields(memory.static))
-    for key, value in _chosen_switches(config).items():
-        other = _with_switch(memory.static, key, value)
-        is_bound = key in _BOUND and value != made_with[key]
-        if is_bound or _shape(memory.tracker, other) != _shape(memory.tracker, memory.static):
-            raise RemindError(
-                f"{path} was made with static.{key} {made_with[key]}, not {value}; leave that as "
-                "it was, or start without the memory"
-            )
-        static = _with_switch(static, key, value)
-    return static
-
-
-def _shape(tracker: str, static: Static) -> Any:
+def shape_of(tracker: str, static: Static) -> Any:
     """Shapes and types of the memory of a method."""
     return jax.eval_shape(functools.partial(get_method(tracker).init, static))
-
-
-def check_backbone(memory: SavedMemory, backbone: str, fingerprint: str, path: str | Path) -> None:
-    """Refuses features that the memory was not made with.
-
-    Raises:
-      RemindError: If the backbones differ.
-    """
-    if memory.backbone == backbone:
-        if len({memory.fingerprint, fingerprint} - {""}) < 2:
-            return
-        raise RemindError(
-            f"{path} was made with other weights or options of backbone '{backbone}'; their "
-            "features cannot be compared"
-        )
-    raise RemindError(
-        f"{path} was made with backbone '{memory.backbone}', not '{backbone}'; features of "
-        "different backbones, or of frames and closeups (input.closeups), cannot be compared"
-    )
 
 
 def _check_tensors(

@@ -7,8 +7,6 @@ The step is a pure function of state, static and thresholds, so equal bits mean 
 import dataclasses
 import functools
 import json
-import operator
-import re
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +16,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
-from remind_jax.config import load_config
-from remind_jax.errors import OutputError, RemindError
+from remind_jax.errors import OutputError
 from remind_jax.files.tensors import read_safetensors_header
 from remind_jax.method import list_methods
 from remind_jax.remind.state import init
@@ -27,11 +24,8 @@ from remind_jax.session.announcement import Announcements
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import (
     SavedMemory,
-    check_backbone,
-    check_tracker,
     load_memory,
     save_memory,
-    static_of,
 )
 from remind_jax.session.memory_parts import SCHEMA_VERSION
 from tests import tiny_world
@@ -185,45 +179,6 @@ def test_announcements_that_no_run_leaves_are_refused(path, memory):
         save_memory(path, dataclasses.replace(memory, announced=announced))
         with pytest.raises(OutputError, match=r"announced|detected"):
             load_memory(path)
-
-
-def test_features_of_another_backbone_are_refused(memory, path):
-    for known, now in (("", ""), ("a", ""), ("", "a"), ("a", "a")):
-        made = dataclasses.replace(memory, fingerprint=known)
-        check_backbone(made, "patch-statistics", now, "file")
-    with pytest.raises(RemindError, match="cannot be compared"):
-        check_backbone(memory, "dinov3", "", "file")
-    save_memory(path, made)
-    assert load_memory(path).fingerprint == "a"
-    with pytest.raises(RemindError, match="other weights or options"):
-        check_backbone(made, "patch-statistics", "b", "file")
-
-
-def test_switches_that_leave_room_are_followed(memory):
-    config = load_config({"base": "remind", "static": {"assignment": "greedy", "num_objects": 999}})
-    going_on = static_of(memory, config, "file")
-    assert going_on == change_static(STATIC, assignment="greedy")
-    assert static_of(memory, load_config("published"), "file") == STATIC
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("switches.appearance_slots", (3, 5)), ("precision", "float64"), ("first_object_id", 100)],
-)
-def test_switches_that_ask_for_another_memory_are_refused(memory, name, value):
-    config = load_config({"base": "remind", f"static.{name}": value})
-    made_with = re.escape(str(operator.attrgetter(name)(STATIC)))
-    with pytest.raises(RemindError, match=rf"file was made with static\.{name} {made_with}, not"):
-        static_of(memory, config, "file")
-    assert static_of(memory, load_config("remind"), "file") == STATIC
-
-
-@pytest.mark.parametrize(("tracker", "said"), [("plus", "--config"), ("bank", "--tracker")])
-def test_the_memory_of_another_tracker_says_what_to_do(memory, tracker, said):
-    made = dataclasses.replace(memory, tracker=tracker)
-    with pytest.raises(RemindError, match=rf"memory of tracker '{tracker}'.*{said} {tracker}, or"):
-        check_tracker(made, "remind", "file")
-    check_tracker(made, tracker, "file")
 
 
 def test_one_bit_is_found(path):
