@@ -6,13 +6,11 @@ import dataclasses
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 
 from remind_jax.decision import Outcome
 from remind_jax.observation import Descriptors, FrameFeats, Masks, without_coverage
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
-from remind_jax.remind.association.gating import read_context
 from remind_jax.remind.association.quality import assess
 from remind_jax.remind.association.similarity import compare, count_terms
 from remind_jax.remind.context.evidence import view_frame
@@ -58,52 +56,26 @@ def decide(
       Memory after the frame with `decisions` about it, and what they were made of. If the frame
       needs more object slots than there are, only `overflow` is changed.
     """
-    t = thresholds.as_arrays(static.scalar)
-    after, intermediates = _advance(state, seen.descriptors, seen.masks, static, t)
-    return after, collect_trace(intermediates, static, t)
-
-
-def _advance(
-    state: TrackerState,
-    descriptors: Descriptors,
-    masks: Masks,
-    static: Static,
-    t: Thresholds,
-) -> tuple[TrackerState, Intermediates]:
-    """The chain of one frame; what nobody asks for is never computed."""
+    t, descriptors, masks = thresholds.as_arrays(static.scalar), seen.descriptors, seen.masks
     # How good is each observation?
     quality = assess(descriptors, t.similarity)
-    relations = observe_relations(masks, masks.relations, t.relations)
+    relations = observe_relations(masks, t.relations)
     # How similar is it to each object?
-    comparison = compare(
-        state, descriptors, quality, static, t.similarity,
-        t.background.enabled, t.appearance.promote_hits,
-    )  # fmt: skip
-    num_terms = count_terms(comparison)
-    evidence = diagnose(
-        comparison.score, comparison.candidate, num_terms, static.switches.margin, t.diagnosis
-    )
-    anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
+    comparison = compare(state, descriptors, quality, static, t)
+    candidate, score = comparison.candidate, comparison.score
+    num_terms, margin = count_terms(comparison), static.switches.margin
+    evidence = diagnose(score, candidate, num_terms, margin, t.diagnosis)
+    anchors = find_anchors(score, candidate, t.diagnosis)
     # Which tracks belong together here?
-    view = view_frame(
-        state.cooccurrence, state.objects, jnp.any(anchors, axis=0), descriptors, masks,
-        t.cooccurrence,
-    )  # fmt: skip
-    visual_gate = jnp.maximum(t.matching.match, t.matching.min_visual)
-    reasoning = reason(
-        view, comparison.candidate, comparison.score, visual_gate, static, t.sets, t.influence,
-        t.veto,
-    )  # fmt: skip
-    context = read_context(reasoning, t.influence, t.ambiguous)
+    view = view_frame(state, anchors, descriptors, masks, t.cooccurrence)
+    reasoning = reason(view, candidate, score, static, t)
     # Who is who, jointly?
-    assignment = associate(comparison, evidence, context, descriptors.class_id, static, t.matching)
+    assignment = associate(comparison, evidence, reasoning, descriptors.class_id, static, t)
     pairs = assignment.pairs
     # Who stays undecided?
-    table = tabulate_pairs(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
+    table = tabulate_pairs(comparison, pairs, reasoning, t)
     settlement = settle(table, assignment, state, descriptors, relations, static, t)
-    final = diagnose(
-        pairs.score_final, pairs.eligible, num_terms, static.switches.margin, t.diagnosis
-    )
+    final = diagnose(pairs.score_final, pairs.eligible, num_terms, margin, t.diagnosis)
     decisions, stages = decide_outcomes(
         state.objects, masks, descriptors, table, anchors, evidence, final, assignment,
         settlement, static,
@@ -116,6 +88,7 @@ def _advance(
         state, decisions, stages, settlement, birth_support, comparison.pending_score,
         descriptors, masks, relations, static, t,
     )  # fmt: skip
-    return after, Intermediates(
-        state, quality, relations, anchors, reasoning, table, assignment, settlement, stages,
+    told = Intermediates(
+        state, quality, relations, anchors, table, assignment, settlement, stages,
     )  # fmt: skip
+    return after, collect_trace(told, static, t)

@@ -19,11 +19,10 @@ from remind_jax.explanation.remind.explainer import FrameRecord, RemindExplainer
 from remind_jax.explanation.remind.explanation import RemindExplanation
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
-from remind_jax.remind.association.gating import read_context
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import Comparison, Terms
 from remind_jax.remind.context.hypotheses import no_hypotheses
-from remind_jax.remind.context.influence import no_influence
+from remind_jax.remind.context.influence import find_supported, no_influence
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.outcome import decide
@@ -137,12 +136,12 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     felt = dataclasses.replace(
         no_influence(SLOTS, STATIC.scalar), **said, enabled=on, global_ok=on, quality=0.7 * on
     )
-    reasoning = Reasoning(felt, candidate & (veto == 0), veto, no_hypotheses(NUM, SLOTS, STATIC))
-    verdict = read_context(reasoning, t.influence, t.ambiguous)
-    assignment = associate(comparison, evidence, verdict, descriptors.class_id, STATIC, t.matching)
-    table = tabulate_pairs(
-        comparison, assignment.pairs, verdict, t.similarity, t.ambiguous.known_set_score
-    )
+    reasoning = Reasoning(
+        felt, candidate & (veto == 0), find_supported(felt, t), veto,
+        no_hypotheses(NUM, SLOTS, STATIC),
+    )  # fmt: skip
+    assignment = associate(comparison, evidence, reasoning, descriptors.class_id, STATIC, t)
+    table = tabulate_pairs(comparison, assignment.pairs, reasoning, t)
     apart, never = jnp.zeros((NUM, NUM)), jnp.zeros((NUM, NUM), bool)
     relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
     settlement = settle(table, assignment, state, descriptors, relations, STATIC, t)
@@ -160,7 +159,7 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     )
     ones = jnp.ones(NUM)
     intermediates = Intermediates(
-        state, Quality(ones, ones, ones, ones, ones), relations, anchors, reasoning, table,
-        assignment, settlement, stages,
+        state, Quality(ones, ones, ones, ones, ones), relations, anchors, table, assignment,
+        settlement, stages,
     )  # fmt: skip
     return decisions, collect_trace(intermediates, STATIC, t)

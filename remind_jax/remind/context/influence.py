@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.summary import Context
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.context import Influence as Rules
 
 _TINY = 1e-12
@@ -69,12 +70,12 @@ def no_influence(num_objects: int, scalar: jnp.dtype) -> Influence:
 
 def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Influence:
     """Support, contradiction and the bonus or penalty that follow for each object."""
-    s, c = context.standing, context.classes
+    c = context
     usable = context.global_ok & (context.quality >= t.min_quality) & exists
-    ready = (s.kernel >= t.min_kernel) & s.covered
-    in_band = (c.best_relative > 0.0) & (s.kernel_relative > 0.0)
-    in_band = in_band & (s.kernel_relative >= jnp.maximum(0.0, c.soft_cut - _SLACK))
-    inside = ready & (in_band | s.soft_supported)
+    ready = (c.kernel >= t.min_kernel) & c.covered
+    in_band = (c.best_relative > 0.0) & (c.kernel_relative > 0.0)
+    in_band = in_band & (c.kernel_relative >= jnp.maximum(0.0, c.soft_cut - _SLACK))
+    inside = ready & (in_band | c.soft_supported)
 
     weights = jnp.maximum(_TINY, t.local_weight + t.global_weight)
     support = t.local_weight * _local_support(context, t)
@@ -82,7 +83,7 @@ def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Inf
     support = jnp.clip(divide(support, weights), 0.0, 1.0)
     contradicted = ~inside & (c.kept_count > 0) & (c.pruning >= t.contradiction_min_pruning)
     contradicted = contradicted & (c.strength >= t.contradiction_min_strength)
-    contradicted = contradicted & (s.kernel_relative <= t.contradiction_max_support)
+    contradicted = contradicted & (c.kernel_relative <= t.contradiction_max_support)
     contradiction = jnp.where(contradicted, c.pruning, 0.0)
     quality = context.quality
     bonus = t.positive_cap * quality * support - t.negative_cap * quality * contradiction
@@ -91,11 +92,11 @@ def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Inf
         bonus_raw=used(bonus),
         score_sets=used(support - contradiction),
         support=used(support),
-        compat_rel=used(s.kernel_relative),
+        compat_rel=used(c.kernel_relative),
         compat_band=usable & inside,
-        kernel_raw=used(s.kernel),
-        soft_supported=s.soft_supported,
-        shortlist=s.shortlist,
+        kernel_raw=used(c.kernel),
+        soft_supported=c.soft_supported,
+        shortlist=c.shortlist,
         kept_count=c.kept_count,
         pruning=c.pruning,
         strength=c.strength,
@@ -106,17 +107,27 @@ def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Inf
     )
 
 
+def find_supported(influence: Influence, t: Thresholds) -> Bool[Array, "O"]:
+    """Objects that the context clearly backs (method.md#context-support)."""
+    some = (influence.support > _TINY) | (influence.score_sets > _TINY)
+    strong = (influence.compat_rel >= t.ambiguous.min_relative_support) & (
+        influence.kernel_raw >= t.influence.min_kernel
+    )
+    net = influence.score_sets >= t.ambiguous.min_net_support
+    return (some & (influence.compat_band | strong)) | net
+
+
 def _local_support(context: Context, t: Rules) -> Float[Array, "O"]:
     """Support by the surroundings alone, [0, 1]."""
-    s = context.standing
-    counts = s.covered & (s.kernel >= t.local_min_kernel)
-    counts = counts & (s.hits >= t.local_min_hits) & (s.hit_share >= t.local_min_hit_share)
+    c = context
+    counts = c.covered & (c.kernel >= t.local_min_kernel)
+    counts = counts & (c.hits >= t.local_min_hits) & (c.hit_share >= t.local_min_hit_share)
     least = t.local_min_hit_share
-    hits = jnp.clip(divide(s.hit_share - least, jnp.maximum(_TINY, 1.0 - least)), 0.0, 1.0)
+    hits = jnp.clip(divide(c.hit_share - least, jnp.maximum(_TINY, 1.0 - least)), 0.0, 1.0)
     enough = jnp.maximum(1, t.local_min_hits).astype(hits.dtype)
-    count = jnp.clip(divide(s.hits.astype(hits.dtype), enough), 0.0, 1.0)
-    reference = jnp.maximum(jnp.maximum(_TINY, context.classes.best_kernel), t.local_min_kernel)
-    kernel = jnp.clip(s.kernel / reference, 0.0, 1.0)
+    count = jnp.clip(divide(c.hits.astype(hits.dtype), enough), 0.0, 1.0)
+    reference = jnp.maximum(jnp.maximum(_TINY, c.best_kernel), t.local_min_kernel)
+    kernel = jnp.clip(c.kernel / reference, 0.0, 1.0)
     support = t.local_hits_weight * hits + t.local_count_weight * count
     support = support + t.local_kernel_weight * kernel
     return jnp.where(counts, jnp.clip(support, 0.0, 1.0), 0.0)
@@ -124,10 +135,10 @@ def _local_support(context: Context, t: Rules) -> Float[Array, "O"]:
 
 def _global_support(context: Context, inside: Bool[Array, "O"], t: Rules) -> Float[Array, "O"]:
     """Support by the rank within the class, [0, 1]."""
-    s, c = context.standing, context.classes
+    c = context
     above = lambda value: jnp.clip(  # noqa: E731
         divide(value - t.neutral, jnp.maximum(_TINY, 1.0 - t.neutral)), 0.0, 1.0
     )
-    selective = t.selectivity_weight * above(s.hypothesis_relative) * (0.5 + 0.5 * c.selectivity)
-    support = t.pruned_weight * c.pruning + t.rank_weight * above(s.kernel_relative) + selective
+    selective = t.selectivity_weight * above(c.hypothesis_relative) * (0.5 + 0.5 * c.selectivity)
+    support = t.pruned_weight * c.pruning + t.rank_weight * above(c.kernel_relative) + selective
     return jnp.where(inside & (c.kept_count > 0), jnp.clip(support, 0.0, 1.0), 0.0)

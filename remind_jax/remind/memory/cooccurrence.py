@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int, Num
 from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.ranks import largest, rank_rising
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.numerics.set_order import copied_size, iteration_rank
@@ -264,23 +264,12 @@ def neighbor_rank(
 
     Rule: method.md#neighbor-order.
 
-    Counting the edges before each edge is quicker than sorting the rows.
-
     Args:
       falling: Sort keys, the first decides first; the larger comes first.
       order: Last sort key; the smaller comes first.
     """
-
-    def pairs(leaf: Array) -> tuple[Array, Array]:
-        return leaf[:, :, None], leaf[:, None, :]
-
-    earlier, tie = False, True
-    for key in falling:
-        one, other = pairs(key)
-        earlier, tie = earlier | (tie & (one > other)), tie & (one == other)
-    one, other = pairs(order)
-    before = known[:, :, None] & (earlier | (tie & (one < other)))
-    return jnp.where(known, jnp.sum(before, axis=1, dtype=jnp.int32), known.shape[1])
+    rank = rank_rising([~known, *(-key for key in falling), order])
+    return jnp.where(known, rank, known.shape[1])
 
 
 def ranked_neighbors(

@@ -12,7 +12,7 @@ from remind_jax.decision import Reason, Status
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.ranks import rank_rising
 from remind_jax.numerics.reductions import reduce_together
-from remind_jax.remind.association.diagnosis import admit_by_status, top_two
+from remind_jax.remind.association.diagnosis import admit_by_status, rank_two
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.association import Diagnosis, Matching
 from remind_jax.remind.thresholds.outcome import Provisional
@@ -74,12 +74,9 @@ def question_births(
         jnp.stack([supported, plausible, candidate]), axis=2
     )
     some = num_supported > 0
-    status, _, _ = judge(
-        score, jnp.where((num_supported >= 2)[:, None], supported, plausible), t.min_top,
-        t.min_candidate, t.gap, t.relative_gap, t.gap_slack,
-    )  # fmt: skip
+    status, _, _ = judge(score, jnp.where((num_supported >= 2)[:, None], supported, plausible), t)
     # The best of all sets of candidates that a detection may be compared within.
-    slots, tops, seconds = top_two(
+    slots, tops, seconds, _ = rank_two(
         jnp.stack([score, score, raw_score, visual, visual]),
         jnp.stack([supported, plausible, candidate, plausible, candidate]),
     )

@@ -16,7 +16,7 @@ from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.disambiguation.groups import Undecided
-from remind_jax.remind.disambiguation.known_sets import GroupOutcome, settle_known_sets
+from remind_jax.remind.disambiguation.known_sets import Settled, settle_known_sets
 from remind_jax.remind.memory.distances import DistanceGraph
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import MatchOrigin
@@ -32,30 +32,19 @@ from remind_jax.static import Static
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Round:
-    """The question and the answer of one pass of the reconciliation."""
-
-    entries: Undecided  # undecided at its start
-    root: Int[Array, "N"]  # first detection of the closed group of each entry, -1 none
-    proposed: Int[Array, "N"]  # candidate in the best assignment of that group, -1 if not scored
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class Settlement:
     """The verdict on every detection; ambiguous and provisional outrank matched and new."""
 
     slot: Int[Array, "N"]  # matched object, -1 none
     score: Float[Array, "N"]  # of the match
     source: Int[Array, "N"]  # stages.MatchOrigin of the match
-    guarded: Int[Array, "N"]  # matched object after the guard of look-alikes
     creates: Bool[Array, "N"]  # founds an object unless it is ambiguous or provisional
     ambiguous: Undecided
     doubts: Doubts
     reserved_id: Int[Array, "N"]  # id of the object that an ambiguous detection founds, -1 none
-    groups: GroupOutcome  # what became of closed groups, leading axis: passes
-    rounds: Round  # what each pass was asked and proposed, leading axis: passes
-    stabilized: Stabilized  # what the guard of look-alikes saw
+    asked: Undecided  # undecided at the start of each pass, leading axis: passes
+    answers: Settled  # what the layout made of them, likewise
+    stabilized: Stabilized  # what the guard of look-alikes saw, and the matches that it left
 
 
 def settle(
@@ -68,16 +57,17 @@ def settle(
     t: Thresholds,
 ) -> Settlement:
     """Withdraws what is too close to call, lets layout decide, and asks again of what is new."""
-    objects, next_id = state.objects, state.next_id
-    exists = objects.exists  # looked up here, not in every pass
+    exists = state.objects.exists  # looked up here, not in every pass
     stable = stabilize(table, assignment.slot, t.stability)
     slot = stable.slot
     creates = descriptors.valid & (slot < 0)
     doubtful = doubt_entries(table, stable, t.matching.min_visual, t.ambiguous.max_candidates)
     creates = creates & ~doubtful.present
-    rivalry = find_competitions(table, objects, slot, creates, next_id, t.competition)
+    rivals, reserved_id = find_competitions(
+        table, state.objects, slot, creates, state.next_id, t.competition
+    )
     policy = find_ambiguous(table, slot, creates, t.ambiguous)
-    entries = prefer(rivalry.entries, prefer(doubtful, policy))
+    entries = prefer(rivals, prefer(doubtful, policy))
 
     (score,) = pick_in_rows(slot, table.pairs.score_final)
     open_ = _Open(
@@ -90,13 +80,13 @@ def settle(
         doubts=no_doubts(entries),
     )
 
-    def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[GroupOutcome, Round]]:
+    def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[Undecided, Settled]]:
         return _reconcile(
             open_, turn, table, exists, state.distances, descriptors, relations, static, t
         )
 
     turns = jnp.arange(static.switches.max_passes, dtype=jnp.int32)
-    open_, (groups, rounds) = jax.lax.scan(reconcile, open_, turns)
+    open_, (asked, answers) = jax.lax.scan(reconcile, open_, turns)
     undecided = open_.entries.present | open_.doubts.present
     second = withdraw_second_claims(
         table, jnp.where(undecided, NO_SLOT, open_.slot), open_.score,
@@ -108,13 +98,12 @@ def settle(
         slot=jnp.where(undecided, NO_SLOT, open_.slot),
         score=open_.score,
         source=open_.source,
-        guarded=stable.slot,
         creates=open_.creates & ~undecided & (open_.slot < 0),
         ambiguous=entries,
         doubts=open_.doubts,
-        reserved_id=rivalry.reserved_id,
-        groups=groups,
-        rounds=rounds,
+        reserved_id=reserved_id,
+        asked=asked,
+        answers=answers,
         stabilized=stable,
     )
 
@@ -143,7 +132,7 @@ def _reconcile(
     relations: Relations,
     static: Static,
     t: Thresholds,
-) -> tuple[_Open, tuple[GroupOutcome, Round]]:
+) -> tuple[_Open, tuple[Undecided, Settled]]:
     """One pass: layout settles closed groups, then births are questioned.
 
     Rule: method.md#settlement-rounds.
@@ -183,4 +172,4 @@ def _reconcile(
         entries=prefer(entries, doubts.ambiguous),
         doubts=doubts,
     )
-    return after, (settled.groups, Round(open_.entries, settled.root, settled.proposed))
+    return after, (open_.entries, settled)

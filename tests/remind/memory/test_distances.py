@@ -106,7 +106,7 @@ def test_chairs_and_lamp_of_the_page(x64):
             make_static(precision="float64"),
             rules.cooccurrence,
         )
-        relations = observe_relations(masks, masks.relations, rules.relations)
+        relations = observe_relations(masks, rules.relations)
         return neighbors, update_distances(graph, relations, seen, accepted, rules.relations)
 
     for frame, shift in enumerate([0, 4, -4, 8, 0, 2, -6]):
@@ -217,7 +217,7 @@ def test_graphs_of_the_original(x64):
         neighbors, accepted = update_cooccurrence(
             neighbors, seen, jnp.arange(slots, dtype=jnp.int32), at, static, rules.cooccurrence
         )
-        relations = observe_relations(masks, relations, rules.relations)
+        relations = observe_relations(masks, rules.relations)
         graph = update_distances(graph, relations, seen, accepted, rules.relations)
         degrees = [jnp.sum(count > 0, axis=1) for count in (neighbors.count, graph.edges.count)]
         return (neighbors, graph), (degrees[0], neighbors.episodes, degrees[1])
