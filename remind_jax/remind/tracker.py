@@ -6,18 +6,19 @@ import dataclasses
 from typing import Any
 
 import jax
+from jaxtyping import Array, Bool
 
-from remind_jax.decision import Outcome
+from remind_jax.decision import Decisions, Outcome
 from remind_jax.observation import Descriptors, FrameFeats, Masks, without_coverage
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
-from remind_jax.remind.association.quality import assess
-from remind_jax.remind.association.similarity import compare, count_terms
+from remind_jax.remind.association.quality import Quality, assess
+from remind_jax.remind.association.similarity import Comparison, compare, count_terms
 from remind_jax.remind.context.evidence import view_frame
-from remind_jax.remind.context.reasoning import reason
+from remind_jax.remind.context.reasoning import Reasoning, reason
 from remind_jax.remind.outcome import decide as decide_outcomes
 from remind_jax.remind.perception.description import describe
-from remind_jax.remind.perception.relations import observe_relations
+from remind_jax.remind.perception.relations import Relations, observe_relations
 from remind_jax.remind.remember import remember
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
@@ -63,32 +64,51 @@ def decide(
     # How similar is it to each object?
     comparison = compare(state, descriptors, quality, static, t)
     candidate, score = comparison.candidate, comparison.score
-    num_terms, margin = count_terms(comparison), static.switches.margin
-    evidence = diagnose(score, candidate, num_terms, margin, t.diagnosis)
     anchors = find_anchors(score, candidate, t.diagnosis)
     # Which tracks belong together here?
     view = view_frame(state, anchors, descriptors, masks, t.cooccurrence)
     reasoning = reason(view, candidate, score, static, t)
+    decisions, made_of = decide_pairs(
+        state, seen, quality, relations, comparison, anchors, reasoning, static, t
+    )
+    table = made_of.table
+    birth_support = support_births(
+        table.pairs.score_known, table.plausible, state.objects, descriptors.class_id,
+        decisions.outcome == Outcome.NEW,
+    )  # fmt: skip
+    after = remember(
+        state, decisions, made_of.stages, made_of.settlement, birth_support,
+        comparison.pending_score, descriptors, masks, relations, static, t,
+    )  # fmt: skip
+    return after, collect_trace(made_of, static, t)
+
+
+def decide_pairs(
+    state: TrackerState,
+    seen: DescribedFrame,
+    quality: Quality,
+    relations: Relations,
+    comparison: Comparison,
+    anchors: Bool[Array, "N O"],
+    reasoning: Reasoning,
+    static: Static,
+    t: Thresholds,
+) -> tuple[Decisions, Intermediates]:
+    """Decides by what was found about every pair; memory fills in the ids of what is new."""
+    objects, descriptors = state.objects, seen.descriptors
+    num_terms, margin = count_terms(comparison), static.switches.margin
+    evidence = diagnose(comparison.score, comparison.candidate, num_terms, margin, t.diagnosis)
     # Who is who, jointly?
     assignment = associate(comparison, evidence, reasoning, descriptors.class_id, static, t)
     pairs = assignment.pairs
     # Who stays undecided?
     table = tabulate_pairs(comparison, pairs, reasoning, t)
-    settlement = settle(table, assignment, state, descriptors, relations, static, t)
+    settlement = settle(table, assignment, state, descriptors, relations, static)
     final = diagnose(pairs.score_final, pairs.eligible, num_terms, margin, t.diagnosis)
     decisions, stages = decide_outcomes(
-        state.objects, masks, descriptors, table, anchors, evidence, final, assignment,
-        settlement, static,
+        objects, seen.masks, descriptors, table, anchors, evidence, final, assignment, settlement,
+        static,
     )  # fmt: skip
-    birth_support = support_births(
-        pairs.score_known, table.plausible, state.objects, descriptors.class_id,
-        decisions.outcome == Outcome.NEW,
-    )  # fmt: skip
-    after = remember(
-        state, decisions, stages, settlement, birth_support, comparison.pending_score,
-        descriptors, masks, relations, static, t,
-    )  # fmt: skip
-    told = Intermediates(
-        state, quality, relations, anchors, table, assignment, settlement, stages,
-    )  # fmt: skip
-    return after, collect_trace(told, static, t)
+    return decisions, Intermediates(
+        state, quality, relations, anchors, table, assignment, settlement, stages
+    )

@@ -63,8 +63,7 @@ class Comparison:
 
     candidate: Bool[Array, "N O"]  # same class; nothing else rules an object out
     score: Float[Array, "N O"]  # the visual score, [0, 1]; 0 for non-candidates
-    source: Int[Array, "T N"]  # bank compared by: AUTO, WORK or STABLE
-    terms: Terms  # under the source of each detection
+    terms: Terms  # by AUTO, WORK or STABLE, as fits all candidates of the detection
     auto: Terms  # under AUTO
     neutral: Terms  # the better of both banks, for scores comparable between candidates
     neutral_weights: Float[Array, "T N 1"]  # without the authority of the prototypes
@@ -108,7 +107,6 @@ def compare(
     return Comparison(
         candidate=candidate,
         score=score[:, :slots],
-        source=source,
         terms=jax.tree.map(lambda leaf: leaf[..., :slots], terms),
         auto=jax.tree.map(lambda leaf: leaf[AUTO], of_objects),
         neutral=jax.tree.map(lambda leaf: leaf[_NEUTRAL], of_objects),

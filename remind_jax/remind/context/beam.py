@@ -162,6 +162,7 @@ class Beam:
 def empty_beam(num: int, slots: int, static: Static) -> Beam:
     """Nothing chosen yet, in the first row; the other rows are free."""
     width, scalar = static.switches.beam_width, static.scalar
+    # Sums begin at 0, the product of the information at 1.
     rates = jnp.array([field.name == "info" for field in dataclasses.fields(Rating)], scalar)
     one = empty_set(min(num, slots), slots, scalar), rates, jnp.zeros(num, bool)
     sets, rates, detections = jax.tree.map(

@@ -101,15 +101,6 @@ def tree_edges(path: Float[Array, "M M"]) -> Float[Array, "M"]:
     return jnp.max(jnp.where(earlier, path, 0.0), axis=0)
 
 
-def extend_tree(edges: Float[Array, "*#B M"], reach: Float[Array, "*#B M"]) -> Float[Array, "*B M"]:
-    """Links of the tree once a newcomer has entered.
-
-    The newcomer counts as the first of all, so that it adds nothing of its own, and for the others
-    as one more that is earlier.
-    """
-    return jnp.maximum(edges, reach)
-
-
 def rate_cohesion(
     size: Int[Array, "*B"], tree: Float[Array, "*B"], counts: LinkCounts, t: Sets
 ) -> tuple[Float[Array, "*B"], Float[Array, "*B"]]:

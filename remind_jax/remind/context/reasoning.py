@@ -45,20 +45,22 @@ def reason(
     """Reads the memory of who was seen with whom, before it learns from this frame."""
     num, slots = candidate.shape
 
-    def read_context() -> tuple[Influence, Array, Hypotheses]:
+    def read_context() -> tuple[Influence, Array, Array, Hypotheses]:
         hypotheses = find_hypotheses(view, static, t.sets)
         context = summarize(hypotheses, view, static, t.sets, t.influence)
         weighed = weigh_influence(context, view.exists, t.influence)
-        return weighed, veto_pairs(weighed, view, candidate, score, static, t), hypotheses
+        vetoes = veto_pairs(weighed, view, candidate, score, static, t)
+        return weighed, candidate & (vetoes == Veto.NONE), vetoes, hypotheses
 
-    def leave_out() -> tuple[Influence, Array, Hypotheses]:
+    def leave_out() -> tuple[Influence, Array, Array, Hypotheses]:
+        silent = no_influence(slots, static.scalar)
         vetoes = jnp.full((num, slots), Veto.NONE, jnp.int32)
-        return no_influence(slots, static.scalar), vetoes, no_hypotheses(num, slots, static)
+        return silent, candidate, vetoes, no_hypotheses(num, slots, static)
 
-    influence, veto, hypotheses = branch(t.influence.enabled, read_context, leave_out)
+    influence, plausible, veto, hypotheses = branch(t.influence.enabled, read_context, leave_out)
     return Reasoning(
         influence=influence,
-        plausible=candidate & (veto == Veto.NONE),
+        plausible=plausible,
         supported=find_supported(influence, t),
         veto=veto,
         hypotheses=hypotheses,

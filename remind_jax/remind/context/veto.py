@@ -17,7 +17,7 @@ from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.influence import Influence
-from remind_jax.remind.memory.cooccurrence import neighbor_rank, ranked_neighbors
+from remind_jax.remind.memory.cooccurrence import rank_neighbors, ranked_neighbors
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.context import Veto as Rules
 from remind_jax.static import Static
@@ -74,9 +74,7 @@ def expect_neighbors(
     graph = view.graph
     slots = graph.episodes.shape[0]
     length = min(static.switches.max_neighbours or slots, slots)
-    neighbor = graph.count > 0
-    keys = (graph.weight, graph.edge_time)
-    order, known = ranked_neighbors(neighbor_rank(neighbor, keys, graph.edge_order), length)
+    order, known = ranked_neighbors(rank_neighbors(graph, "weight"), length)
     link = jnp.take_along_axis(view.conditional, order, axis=1)
     taken = known & (link >= min_link)
     place = np.arange(length)

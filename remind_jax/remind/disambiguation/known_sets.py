@@ -147,8 +147,13 @@ def _no_outcome(num: int, static: Static, scalar: jnp.dtype) -> GroupOutcome:
     room = (num, max(FEWEST_ANCHORS, static.switches.group_anchors))
     nobody = jnp.full(room, NO_SLOT, jnp.int32)
     return GroupOutcome(
-        none, none, none, jnp.zeros((num, len(NUMBERS)), scalar), nobody, nobody
-    )  # fmt: skip
+        status=none,
+        num_detections=none,
+        num_anchors=none,
+        numbers=jnp.zeros((num, len(NUMBERS)), scalar),
+        anchor=nobody,
+        anchor_place=nobody,
+    )
 
 
 def _unsolved(groups: Groups, nothing: GroupOutcome) -> GroupOutcome:

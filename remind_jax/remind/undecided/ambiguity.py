@@ -21,15 +21,13 @@ from remind_jax.remind.undecided.temporal import (
 )
 
 
-def find_ambiguous(
-    table: PairTable, slot: Int[Array, "N"], creates: Bool[Array, "N"], t: Ambiguous
-) -> Undecided:
+def find_ambiguous(table: PairTable, slot: Int[Array, "N"], creates: Bool[Array, "N"]) -> Undecided:
     """Finds detections, matched or not, whose candidates are too close to tell apart.
 
     Args:
       slot: Matched object of each detection, -1 none.
     """
-    width = table.plausible.shape[1]
+    t, width = table.rules.ambiguous, table.plausible.shape[1]
     matched = slot >= 0
     mine = slot[:, None] == jnp.arange(width)
     held = jnp.any(mine, axis=0)

@@ -14,7 +14,6 @@ from remind_jax.numerics.ranks import largest
 from remind_jax.numerics.reductions import pick_in_rows, reduce_together
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.memory.objects import Lifecycle, Objects
-from remind_jax.remind.thresholds.outcome import Competition
 from remind_jax.remind.undecided.provisional_commit import reserve_ids
 from remind_jax.remind.undecided.temporal import SUPPORTED, PairTable, rank, temporal_score
 
@@ -56,7 +55,6 @@ def find_competitions(
     slot: Int[Array, "N"],
     creates: Bool[Array, "N"],
     next_id: Int[Array, ""],
-    t: Competition,
 ) -> tuple[Undecided, Int[Array, "N"]]:
     """Finds new detections that score nearly as a matched detection does on its object.
 
@@ -64,7 +62,7 @@ def find_competitions(
       The entries, and the id of the object that a detection founds, -1 none
       (method.md#provisional-commit).
     """
-    num, width = table.pairs.eligible.shape
+    (num, width), t = table.pairs.eligible.shape, table.rules.competition
     known = table.pairs.score_known
     holds = slot[:, None] == jnp.arange(width)
     held = jnp.any(holds, axis=0)

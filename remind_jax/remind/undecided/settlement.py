@@ -21,7 +21,6 @@ from remind_jax.remind.memory.distances import DistanceGraph
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import MatchOrigin
 from remind_jax.remind.state import TrackerState
-from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.ambiguity import find_ambiguous
 from remind_jax.remind.undecided.competition import find_competitions, withdraw_second_claims
 from remind_jax.remind.undecided.provisional import Doubts, no_doubts, question_births
@@ -54,19 +53,16 @@ def settle(
     descriptors: Descriptors,
     relations: Relations,
     static: Static,
-    t: Thresholds,
 ) -> Settlement:
     """Withdraws what is too close to call, lets layout decide, and asks again of what is new."""
     exists = state.objects.exists  # looked up here, not in every pass
-    stable = stabilize(table, assignment.slot, t.stability)
+    stable = stabilize(table, assignment.slot)
     slot = stable.slot
     creates = descriptors.valid & (slot < 0)
-    doubtful = doubt_entries(table, stable, t.matching.min_visual, t.ambiguous.max_candidates)
+    doubtful = doubt_entries(table, stable)
     creates = creates & ~doubtful.present
-    rivals, reserved_id = find_competitions(
-        table, state.objects, slot, creates, state.next_id, t.competition
-    )
-    policy = find_ambiguous(table, slot, creates, t.ambiguous)
+    rivals, reserved_id = find_competitions(table, state.objects, slot, creates, state.next_id)
+    policy = find_ambiguous(table, slot, creates)
     entries = prefer(rivals, prefer(doubtful, policy))
 
     (score,) = pick_in_rows(slot, table.pairs.score_final)
@@ -82,7 +78,7 @@ def settle(
 
     def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[Undecided, Settled]]:
         return _reconcile(
-            open_, turn, table, exists, state.distances, descriptors, relations, static, t
+            open_, turn, table, exists, state.distances, descriptors, relations, static
         )
 
     turns = jnp.arange(static.switches.max_passes, dtype=jnp.int32)
@@ -90,7 +86,7 @@ def settle(
     undecided = open_.entries.present | open_.doubts.present
     second = withdraw_second_claims(
         table, jnp.where(undecided, NO_SLOT, open_.slot), open_.score,
-        t.matching.one_detection_each, t.ambiguous.max_candidates,
+        table.rules.matching.one_detection_each, table.rules.ambiguous.max_candidates,
     )  # fmt: skip
     entries = prefer(open_.entries, second)
     undecided = undecided | second.present
@@ -131,7 +127,6 @@ def _reconcile(
     descriptors: Descriptors,
     relations: Relations,
     static: Static,
-    t: Thresholds,
 ) -> tuple[_Open, tuple[Undecided, Settled]]:
     """One pass: layout settles closed groups, then births are questioned.
 
@@ -149,7 +144,7 @@ def _reconcile(
         relations,
         distances,
         static,
-        t.known_sets,
+        table.rules.known_sets,
     )
     found = settled.resolved_slot >= 0
     late = MatchOrigin.DISTANCE_FULL_POSTCREATE - MatchOrigin.DISTANCE_FULL
@@ -159,10 +154,7 @@ def _reconcile(
     entries = dataclasses.replace(entries, present=settled.remaining)
 
     held = jnp.any(slot[:, None] == jnp.arange(table.plausible.shape[1]), axis=0)
-    doubts = question_births(
-        table, creates & ~entries.present, held, t.ambiguous.max_candidates, t.provisional,
-        t.matching, t.diagnosis,
-    )  # fmt: skip
+    doubts = question_births(table, creates & ~entries.present, held)
     after = _Open(
         slot=slot,
         score=jnp.where(found, settled.resolved_score, open_.score),

@@ -16,21 +16,19 @@ import pytest
 
 from remind_jax.decision import Decisions
 from remind_jax.remind.association import similarity
-from remind_jax.remind.association.assignment import Assignment, associate
+from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.channel_scores import ChannelScores, Score
-from remind_jax.remind.association.diagnosis import diagnose, find_anchors
+from remind_jax.remind.association.diagnosis import find_anchors
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.context.influence import find_supported, no_influence
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.memory.objects import Lifecycle
-from remind_jax.remind.outcome import decide
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.undecided.settlement import settle
-from remind_jax.remind.undecided.temporal import tabulate_pairs
+from remind_jax.remind.tracker import DescribedFrame, decide_pairs
 from tests.statics import change_parts, make_static
 
 NUM, SLOTS, PENDING = 5, 8, 1  # detections, objects, undecided tracks
@@ -182,28 +180,21 @@ def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(similarity, "compare_channels", lambda *_: frame.channels)
         comparison = similarity.compare(state, descriptors, frame.quality, STATIC, t)
-    num_terms = similarity.count_terms(comparison)
-    evidence = diagnose(
-        comparison.score, comparison.candidate, num_terms, STATIC.switches.margin, t.diagnosis
-    )
     anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
     felt = dataclasses.replace(no_influence(SLOTS, STATIC.scalar), **frame.context)
     plausible = comparison.candidate & frame.plausible
     t = change_parts(t, influence={"enabled": frame.influences})
     vetoes, nothing = jnp.zeros((NUM, SLOTS), jnp.int32), cast(Any, None)
     reasoning = Reasoning(felt, plausible, find_supported(felt, t), vetoes, nothing)
-    assignment = associate(comparison, evidence, reasoning, frame.class_id, STATIC, t)
-    pairs = assignment.pairs
-    table = tabulate_pairs(comparison, pairs, reasoning, t)
-    apart = jnp.zeros((NUM, NUM), STATIC.scalar)
-    never = jnp.zeros((NUM, NUM), bool)
-    relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
-    settlement = settle(table, assignment, state, descriptors, relations, STATIC, t)
-    final = diagnose(
-        pairs.score_final, pairs.eligible, num_terms, STATIC.switches.margin, t.diagnosis
-    )
-    decided = decide(
-        objects, masks, descriptors, table, anchors, evidence, final, assignment, settlement,
-        STATIC,
+    seen = DescribedFrame(descriptors, masks)
+    decisions, made_of = decide_pairs(
+        state, seen, frame.quality, unrelated(NUM, STATIC.scalar), comparison, anchors, reasoning,
+        STATIC, t,
     )  # fmt: skip
-    return Verdict(*decided, comparison, assignment, anchors)
+    return Verdict(decisions, made_of.stages, comparison, made_of.assignment, anchors)
+
+
+def unrelated(num: int, scalar: Any) -> Relations:
+    """Detections of which nothing is known of how they lie."""
+    apart, never = jnp.zeros((num, num), scalar), jnp.zeros((num, num), bool)
+    return Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
