@@ -72,7 +72,7 @@ def list_problems(batch: int) -> Iterator[tuple[str, Callable[[str], Solve], tup
         for shape in CLUSTERINGS:
             name = f"kmeans {shape[0]} patches, {shape[1]} sets of {shape[3]}, D {shape[2]}"
             name += f", K {options['clusters']}"
-            solve = partial(kmeans, **options)
+            solve = partial(label, options=options)
             one = make_clustering(rng, *shape)
             yield name, lambda solver, solve=solve: partial(solve, solver=solver), one
             if batch * one[0].nbytes > MAX_BATCH_BYTES or options is RINGS:
@@ -83,6 +83,10 @@ def list_problems(batch: int) -> Iterator[tuple[str, Callable[[str], Solve], tup
                 lambda solver, solve=solve: jax.vmap(partial(solve, solver=solver)),
                 tuple(np.stack(part) for part in zip(*many, strict=True)),
             )
+
+
+def label(points: Any, members: Any, *, options: dict[str, int], solver: str) -> Any:
+    return kmeans(points, members, **options, solver=solver)[0]
 
 
 def time_ms(run: Callable[[], Any]) -> float:

@@ -44,11 +44,11 @@ TRACES_AT_ONCE = 16
 BANKS = {  # column of the trace: leaf of the state, channel, bank
     f"{name}_{bank}": (leaf, channel, bank)
     for name, leaf, channel in (
-        ("global", "appearance", 0),
-        ("trimmed", "appearance", 1),
+        ("global", "wholes", 0),
+        ("trimmed", "wholes", 1),
         ("parts", "parts", 0),
-        ("inner", "rings", 0),
-        ("outer", "rings", 1),
+        ("inner", "wholes", 2),
+        ("outer", "wholes", 3),
         ("inner_partials", "ring_prototypes", 0),
         ("outer_partials", "ring_prototypes", 1),
     )

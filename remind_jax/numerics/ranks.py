@@ -13,6 +13,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from remind_jax.numerics.reductions import reduce_together
+
 
 def count_before(marked: Bool[Array, "... K"]) -> Int[Array, "... K"]:
     """Marked entries before each entry."""
@@ -45,21 +47,7 @@ def largest(
 
     One reduction finds both, where a maximum and its place would take one each.
     """
-    axis %= values.ndim
-    if values.dtype == bool:
-        least = jnp.array(False)
-    elif jnp.issubdtype(values.dtype, jnp.floating):
-        least = jnp.array(-jnp.inf, values.dtype)
-    else:
-        least = jnp.array(jnp.iinfo(values.dtype).min, values.dtype)
-    place = lax.broadcasted_iota(jnp.int32, values.shape, axis)
-
-    def better(left: tuple[Array, Array], right: tuple[Array, Array]) -> tuple[Array, Array]:
-        wins = (right[0] > left[0]) | ((right[0] == left[0]) & (right[1] < left[1]))
-        return jnp.where(wins, right[0], left[0]), jnp.where(wins, right[1], left[1])
-
-    nowhere = jnp.array(jnp.iinfo(jnp.int32).max, jnp.int32)
-    return lax.reduce((values, place), (least, nowhere), better, (axis,))
+    return reduce_together(("top", values), axis=axis)[0]
 
 
 def first_largest(

@@ -16,13 +16,18 @@ from remind_jax.numerics.array_faults import not_unit, outside
 from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.memory.pending import Kind
 from remind_jax.remind.perception.relations import Contact
-from remind_jax.remind.state import TrackerState, count_occupied, grow, init, remove_objects
+from remind_jax.remind.state import (
+    BANKS,
+    TrackerState,
+    count_occupied,
+    grow,
+    init,
+    remove_objects,
+)
 from remind_jax.remind.switches import Switches
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.tracker import decide, describe_frame
 from remind_jax.static import Static
-
-_BANKS = ("appearance", "parts", "rings", "ring_prototypes")
 
 
 def find_faults(state: TrackerState) -> Iterator[str]:
@@ -31,7 +36,7 @@ def find_faults(state: TrackerState) -> Iterator[str]:
     yield from _of_objects(state, now)
     yield from _of_pending(state)
     yield from _of_graphs(state, now)
-    for name in _BANKS:
+    for name in BANKS:
         if getattr(state, name) is not None:
             for half in ("work", "stable"):
                 yield from _of_bank(f"{name}.{half}", getattr(getattr(state, name), half), now)

@@ -52,7 +52,7 @@ def decide(
         take(pairs.eligible.astype(jnp.int32), table.plausible.astype(jnp.int32), pairs.gate),
         -1, 0,
     )  # fmt: skip
-    owners = objects.id_of(columns(settlement.slot, assignment.slot, settlement.guarded))
+    owners = objects.id_of(columns(settlement.slot, assignment.slot, settlement.stabilized.slot))
     is_ambiguous = settlement.ambiguous.present[:, None]
     doubts = settlement.doubts
     option = jnp.where(is_ambiguous, settlement.ambiguous.slot, doubts.support)

@@ -16,10 +16,12 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.decision import Decisions, Outcome, Overflow, Reason, Status
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.control_flow import repeat
+from remind_jax.numerics.ranks import rank_rising
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.channels import CHANNELS
-from remind_jax.remind.memory.neighbors import decided_rank, update_graphs
+from remind_jax.remind.memory.cooccurrence import gather_sightings, update_cooccurrence
+from remind_jax.remind.memory.distances import update_distances
 from remind_jax.remind.memory.objects import (
     Objects,
     create_objects,
@@ -37,7 +39,7 @@ from remind_jax.remind.memory.pending import (
 from remind_jax.remind.memory.prototypes import Bank, keep_rows
 from remind_jax.remind.memory.writing import write_rows
 from remind_jax.remind.perception.relations import Relations
-from remind_jax.remind.stages import Stages
+from remind_jax.remind.stages import Lock, MatchOrigin, Stages
 from remind_jax.remind.state import TrackerState, map_banks, remove_objects
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.provisional_commit import (
@@ -123,18 +125,16 @@ def remember(
     row = jnp.where(learns & descriptors.valid, row, slots + num_pending)
     founder_row = jnp.where(founder_slot < slots, founder_slot, slots + num_pending)
     allowed = ~t.update.gated | ((decisions.outcome == Outcome.MATCH) & learns & permit.insert)
-    cooccurrence, distances = update_graphs(
-        state.cooccurrence,
-        state.distances,
-        state.frame,
+    sightings = gather_sightings(
         jnp.where(descriptors.valid & t.cooccurrence.enabled, slot, slots),
-        decided_rank(decisions, stages, settlement.source, descriptors.class_id),
-        objects.id,
+        _decided_rank(decisions, stages, settlement.source, descriptors.class_id),
         allowed,
-        relations,
-        static,
-        t,
+        slots,
     )
+    cooccurrence, accepted = update_cooccurrence(
+        state.cooccurrence, sightings, objects.id, now, static, t.cooccurrence
+    )
+    distances = update_distances(state.distances, relations, sightings, accepted, t.relations)
     kept = jnp.concatenate([jnp.ones(slots, bool), ~(ended & fits)])
     cleared = map_banks(state, lambda _, banks: keep_rows(banks, kept))
     updated = dataclasses.replace(
@@ -189,6 +189,25 @@ def _protected(objects: Objects, items: Items) -> Bool[Array, "O"]:
     """Objects that an undecided detection names: they count no miss (method.md#lifecycle)."""
     named = jnp.where((items.kind != Kind.FREE)[:, None], items.known_id, NO_ID)
     return objects.exists & jnp.any(objects.id[:, None, None] == named, axis=(1, 2))
+
+
+def _decided_rank(
+    decisions: Decisions, stages: Stages, source: Int[Array, "N"], class_id: Int[Array, "N"]
+) -> Int[Array, "N"]:
+    """Position of every detection in the order in which it got its object.
+
+    Matches come before births; among the matches those of the assignment, class by class as
+    the classes appear, locks first (method.md#locks, method.md#outcomes).
+    """
+    late = (source > MatchOrigin.ASSOCIATION).astype(jnp.int32)
+    late = jnp.where(decisions.outcome == Outcome.NEW, 2, late)
+    by_class = jnp.argmax(class_id[:, None] == class_id, axis=1)
+    by_class = jnp.where(late == 0, by_class, 0)
+    locked = (stages.lock != Lock.NONE) & (late == 0)
+    lock = jnp.where(locked, stages.lock, Lock.DETECTION + 1)
+    assigned = decisions.candidate_id == stages.assigned_id[:, None]
+    score = jnp.sum(jnp.where(assigned, decisions.candidate_score, 0.0), axis=1)
+    return rank_rising([late, by_class, lock, -jnp.where(locked, score, 0.0)])
 
 
 def gate_updates(

@@ -21,7 +21,6 @@ from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import term_weights
 from remind_jax.remind.context.hypotheses import Hypotheses
-from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.disambiguation.distance_evidence import tabulate_edges
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS
 from remind_jax.remind.outcome import named_ids
@@ -136,7 +135,6 @@ class Intermediates:
     quality: Quality
     relations: Relations
     anchors: Bool[Array, "N O"]
-    reasoning: Reasoning
     table: PairTable
     assignment: Assignment
     settlement: Settlement
@@ -145,11 +143,12 @@ class Intermediates:
 
 def collect_trace(intermediates: Intermediates, static: Static, t: Thresholds) -> Trace:
     """Picks what explains the decisions of a frame."""
-    d, influence = intermediates, intermediates.reasoning.influence
+    d, reasoning = intermediates, intermediates.table.reasoning
+    influence = reasoning.influence
     return Trace(
         stages=d.stages,
         detections=_trace_detections(d, static, t),
-        sets=_trace_sets(d.reasoning.hypotheses, d.state.objects.id),
+        sets=_trace_sets(reasoning.hypotheses, d.state.objects.id),
         context=ContextTrace(influence.enabled, influence.quality, influence.global_ok),
     )
 
@@ -172,8 +171,8 @@ def _choose_candidates(d: Intermediates, static: Static) -> Int[Array, "N C"]:
     """Slots of the candidates to show: those named by a rule, then the visually best."""
     comparison, s = d.table.comparison, d.settlement
     num, width = comparison.candidate.shape
-    asked = jnp.moveaxis(s.rounds.entries.slot, 0, 1).reshape(num, -1)
-    single = jnp.stack([d.assignment.slot, s.guarded, s.slot], axis=1)
+    asked = jnp.moveaxis(s.asked.slot, 0, 1).reshape(num, -1)
+    single = jnp.stack([d.assignment.slot, s.stabilized.slot, s.slot], axis=1)
     named = jnp.concatenate([single, asked, s.ambiguous.slot, s.doubts.support], axis=1)
     is_named = jnp.any(named[:, :, None] == jnp.arange(width), axis=1)
     shown = min(static.num_candidates, width)
@@ -216,21 +215,21 @@ def _trace_candidates(d: Intermediates, static: Static, t: Thresholds) -> Candid
         ),
         visual_score=take(comparison.score),
         comparable_score=take(temporal_score(d.table, d.table.plausible)),
-        bonus_raw=take(d.reasoning.influence.bonus_raw),
+        bonus_raw=take(d.table.reasoning.influence.bonus_raw),
         bonus=take(pairs.bonus),
         assignment_score=take(pairs.score_assign),
         final_score=take(pairs.score_final),
         plausible=take(d.table.plausible),
         gate=take(pairs.gate),
-        veto=take(d.reasoning.veto),
-        backed=take(d.table.context.supported),
+        veto=take(d.table.reasoning.veto),
+        backed=take(d.table.reasoning.supported),
     )
 
 
 def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
     s = d.settlement
     width, num = d.state.objects.id.shape[0], s.slot.shape[0]
-    rounds, groups = s.rounds, s.groups
+    asked, answers, groups = s.asked, s.answers, s.answers.groups
     edges = d.state.distances.edges
     table = tabulate_edges(edges, t.known_sets)
     now = d.relations.distance
@@ -238,8 +237,8 @@ def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
     def name(slot: Array) -> Array:
         return named_ids(d.state.objects, slot, s.reserved_id)
 
-    in_group = rounds.root >= 0  # [R N]
-    at = jnp.maximum(rounds.root, 0)
+    in_group = answers.root >= 0  # [R N]
+    at = jnp.maximum(answers.root, 0)
 
     def of_group(leaf: Array, absent: int = 0) -> Array:
         index = at.reshape(*at.shape, *(1,) * (leaf.ndim - 2))
@@ -247,7 +246,7 @@ def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
         return jnp.where(inside, jnp.take_along_axis(leaf, index, axis=1), absent)
 
     anchor, place = of_group(groups.anchor, -1), of_group(groups.anchor_place, -1)
-    option = jnp.where(rounds.entries.present[..., None], rounds.entries.slot, -1)
+    option = jnp.where(asked.present[..., None], asked.slot, -1)
     source = jnp.clip(option, 0, width - 1)[..., None]
     target = jnp.maximum(anchor, 0)[:, :, None]
     known = (option >= 0) & (option < width)
@@ -256,13 +255,13 @@ def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
     number = dict(zip(NUMBERS, numbers, strict=True))
     far = now[jnp.arange(num)[None, :, None], jnp.maximum(place, 0)]
     by_pass = PassTrace(
-        undecided=rounds.entries.present,
-        reason=jnp.where(rounds.entries.present, rounds.entries.reason, 0),
+        undecided=asked.present,
+        reason=jnp.where(asked.present, asked.reason, 0),
         option_id=name(option),
-        option_score=jnp.where(option >= 0, rounds.entries.score, 0.0),
-        root=rounds.root,
+        option_score=jnp.where(option >= 0, asked.score, 0.0),
+        root=answers.root,
         status=of_group(groups.status),
-        proposed_id=name(rounds.proposed),
+        proposed_id=name(answers.proposed),
         score=number["score"],
         second=number["second"],
         core_gap=number["core_gap"],

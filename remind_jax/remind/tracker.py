@@ -6,20 +6,19 @@ import dataclasses
 from typing import Any
 
 import jax
-import jax.numpy as jnp
+from jaxtyping import Array, Bool
 
-from remind_jax.decision import Outcome
+from remind_jax.decision import Decisions, Outcome
 from remind_jax.observation import Descriptors, FrameFeats, Masks, without_coverage
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
-from remind_jax.remind.association.gating import read_context
-from remind_jax.remind.association.quality import assess
-from remind_jax.remind.association.similarity import compare, count_terms
+from remind_jax.remind.association.quality import Quality, assess
+from remind_jax.remind.association.similarity import Comparison, compare, count_terms
 from remind_jax.remind.context.evidence import view_frame
-from remind_jax.remind.context.reasoning import reason
+from remind_jax.remind.context.reasoning import Reasoning, reason
 from remind_jax.remind.outcome import decide as decide_outcomes
 from remind_jax.remind.perception.description import describe
-from remind_jax.remind.perception.relations import observe_relations
+from remind_jax.remind.perception.relations import Relations, observe_relations
 from remind_jax.remind.remember import remember
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
@@ -58,64 +57,58 @@ def decide(
       Memory after the frame with `decisions` about it, and what they were made of. If the frame
       needs more object slots than there are, only `overflow` is changed.
     """
-    t = thresholds.as_arrays(static.scalar)
-    after, intermediates = _advance(state, seen.descriptors, seen.masks, static, t)
-    return after, collect_trace(intermediates, static, t)
-
-
-def _advance(
-    state: TrackerState,
-    descriptors: Descriptors,
-    masks: Masks,
-    static: Static,
-    t: Thresholds,
-) -> tuple[TrackerState, Intermediates]:
-    """The chain of one frame; what nobody asks for is never computed."""
+    t, descriptors, masks = thresholds.as_arrays(static.scalar), seen.descriptors, seen.masks
     # How good is each observation?
     quality = assess(descriptors, t.similarity)
-    relations = observe_relations(masks, masks.relations, t.relations)
+    relations = observe_relations(masks, t.relations)
     # How similar is it to each object?
-    comparison = compare(
-        state, descriptors, quality, static, t.similarity,
-        t.background.enabled, t.appearance.promote_hits,
-    )  # fmt: skip
-    num_terms = count_terms(comparison)
-    evidence = diagnose(
-        comparison.score, comparison.candidate, num_terms, static.switches.margin, t.diagnosis
-    )
-    anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
+    comparison = compare(state, descriptors, quality, static, t)
+    candidate, score = comparison.candidate, comparison.score
+    anchors = find_anchors(score, candidate, t.diagnosis)
     # Which tracks belong together here?
-    view = view_frame(
-        state.cooccurrence, state.objects, jnp.any(anchors, axis=0), descriptors, masks,
-        t.cooccurrence,
-    )  # fmt: skip
-    visual_gate = jnp.maximum(t.matching.match, t.matching.min_visual)
-    reasoning = reason(
-        view, comparison.candidate, comparison.score, visual_gate, static, t.sets, t.influence,
-        t.veto,
-    )  # fmt: skip
-    context = read_context(reasoning, t.influence, t.ambiguous)
-    # Who is who, jointly?
-    assignment = associate(comparison, evidence, context, descriptors.class_id, static, t.matching)
-    pairs = assignment.pairs
-    # Who stays undecided?
-    table = tabulate_pairs(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
-    settlement = settle(table, assignment, state, descriptors, relations, static, t)
-    final = diagnose(
-        pairs.score_final, pairs.eligible, num_terms, static.switches.margin, t.diagnosis
+    view = view_frame(state, anchors, descriptors, masks, t.cooccurrence)
+    reasoning = reason(view, candidate, score, static, t)
+    decisions, made_of = decide_pairs(
+        state, seen, quality, relations, comparison, anchors, reasoning, static, t
     )
-    decisions, stages = decide_outcomes(
-        state.objects, masks, descriptors, table, anchors, evidence, final, assignment,
-        settlement, static,
-    )  # fmt: skip
+    table = made_of.table
     birth_support = support_births(
-        pairs.score_known, table.plausible, state.objects, descriptors.class_id,
+        table.pairs.score_known, table.plausible, state.objects, descriptors.class_id,
         decisions.outcome == Outcome.NEW,
     )  # fmt: skip
     after = remember(
-        state, decisions, stages, settlement, birth_support, comparison.pending_score,
-        descriptors, masks, relations, static, t,
+        state, decisions, made_of.stages, made_of.settlement, birth_support,
+        comparison.pending_score, descriptors, masks, relations, static, t,
     )  # fmt: skip
-    return after, Intermediates(
-        state, quality, relations, anchors, reasoning, table, assignment, settlement, stages,
+    return after, collect_trace(made_of, static, t)
+
+
+def decide_pairs(
+    state: TrackerState,
+    seen: DescribedFrame,
+    quality: Quality,
+    relations: Relations,
+    comparison: Comparison,
+    anchors: Bool[Array, "N O"],
+    reasoning: Reasoning,
+    static: Static,
+    t: Thresholds,
+) -> tuple[Decisions, Intermediates]:
+    """Decides by what was found about every pair; memory fills in the ids of what is new."""
+    objects, descriptors = state.objects, seen.descriptors
+    num_terms, margin = count_terms(comparison), static.switches.margin
+    evidence = diagnose(comparison.score, comparison.candidate, num_terms, margin, t.diagnosis)
+    # Who is who, jointly?
+    assignment = associate(comparison, evidence, reasoning, descriptors.class_id, static, t)
+    pairs = assignment.pairs
+    # Who stays undecided?
+    table = tabulate_pairs(comparison, pairs, reasoning, t)
+    settlement = settle(table, assignment, state, descriptors, relations, static)
+    final = diagnose(pairs.score_final, pairs.eligible, num_terms, margin, t.diagnosis)
+    decisions, stages = decide_outcomes(
+        objects, seen.masks, descriptors, table, anchors, evidence, final, assignment, settlement,
+        static,
     )  # fmt: skip
+    return decisions, Intermediates(
+        state, quality, relations, anchors, table, assignment, settlement, stages
+    )

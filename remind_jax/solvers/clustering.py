@@ -18,21 +18,23 @@ from remind_jax.solvers.clustering_in_graph import cluster_in_graph
 def kmeans(
     points: Float[Array, "P D"],
     members: Bool[Array, "N P"],
+    wanted: Int[Array, "N"] | None = None,
     *,
     clusters: int,
     iterations: int,
     restarts: int,
     seed: int,
     solver: str,
-) -> Int[Array, "N P"]:
+) -> tuple[Int[Array, "N P"], Float[Array, "N K D"]]:
     """Clusters the member points of each set; the sets are independent.
 
     Initial centers are one drawn point and then the farthest ones; the restart of least inertia
-    wins, the first among equals. Sets of fewer points than `clusters` get one cluster per point.
+    wins, the first among equals. Sets of fewer points than clusters get one cluster per point.
 
     Args:
       points: Points shared by all sets.
       members: Which points belong to each set.
+      wanted: Clusters of each set, from 1 to `clusters`; `clusters` if left out.
       clusters: K.
       iterations: Most rounds of one restart.
       restarts: Number of restarts.
@@ -41,59 +43,14 @@ def kmeans(
         procedure in the graph.
 
     Returns:
-      Cluster of each point, -1 outside the set.
-    """
-    wanted = jnp.full(members.shape[0], clusters, jnp.int32)
-    labels, _ = kmeans_with_centers(
-        points,
-        members,
-        wanted,
-        clusters=clusters,
-        iterations=iterations,
-        restarts=restarts,
-        seed=seed,
-        solver=solver,
-    )
-    return labels
-
-
-def kmeans_with_centers(
-    points: Float[Array, "P D"],
-    members: Bool[Array, "N P"],
-    wanted: Int[Array, "N"],
-    *,
-    clusters: int,
-    iterations: int,
-    restarts: int,
-    seed: int,
-    solver: str,
-) -> tuple[Int[Array, "N P"], Float[Array, "N K D"]]:
-    """Clusters as `kmeans` does, with a number of clusters for each set; returns centers as well.
-
-    Args:
-      points: Points shared by all sets.
-      members: Which points belong to each set.
-      wanted: Clusters of each set, from 1 to `clusters`; a set never has more than points.
-      clusters: K.
-      iterations: Most rounds of one restart.
-      restarts: Number of restarts.
-      seed: Seed of the draws, restarted for every set.
-      solver: `"host"` or `"jax"`.
-
-    Returns:
       Cluster of each point, -1 outside the set; centers, zero for clusters that do not exist.
       If a restart ends by its last round, centers are one update newer than labels.
     """
+    if wanted is None:
+        wanted = jnp.full(members.shape[0], clusters, jnp.int32)
+    options = {"iterations": iterations, "restarts": restarts, "seed": seed}
     if solver == "jax":
-        return cluster_in_graph(
-            points,
-            members,
-            wanted,
-            clusters=clusters,
-            iterations=iterations,
-            restarts=restarts,
-            seed=seed,
-        )
+        return cluster_in_graph(points, members, wanted, clusters=clusters, **options)
     if solver != "host":
         raise ConfigError(f"solver {solver!r} is unknown; use 'host' or 'jax'")
 
@@ -105,7 +62,7 @@ def kmeans_with_centers(
             inside = np.flatnonzero(members[index])
             if len(inside):
                 labels[index][inside], found = cluster_points(
-                    points[index[:-1]][inside], int(wanted[index]), iterations, restarts, seed
+                    points[index[:-1]][inside], int(wanted[index]), **options
                 )
                 centers[index][: len(found)] = found
         return labels, centers

@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch, repeat
 from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.rounding import divide
 from remind_jax.solvers.assignment_in_graph import double_precision
 
 _ROWS = 64  # of a block; the last one of a set is filled up with rows that do not count
@@ -180,7 +181,8 @@ def _run_restart(held: _Members, used: Int[Array, "N"], iterations: int) -> _Res
         point = jnp.where(is_next & apart[:, None], found.farthest[:, None], drawn)
         renewed = jnp.where(placing, is_next, empty)
         stay = placing | settled[:, None]
-        centers = jnp.where(stay[..., None], state.centers, _means(found))
+        means = divide(found.sums, jnp.maximum(found.number, 1.0)[..., None])
+        centers = jnp.where(stay[..., None], state.centers, means)
         return _Restart(
             turn=state.turn + 1,
             centers=jnp.where(renewed[..., None], held.points[point], centers),
@@ -217,7 +219,8 @@ def _measure(
             lax.dynamic_slice_in_dim(leaf, at, at_once)
             for leaf in (held.owner, held.first, held.rows, found.labels)
         )
-        own, mine = jnp.minimum(owner, num - 1), _owned(owner, num)
+        own = jnp.minimum(owner, num - 1)
+        mine = owner[None] == jnp.arange(num, dtype=jnp.int32)[:, None]
         valid = place < counting[:, None]
         point = held.listed[own[:, None], jnp.minimum(first[:, None] + place, last)]
         point = jnp.minimum(point, last)
@@ -305,18 +308,6 @@ def _sum_up_blocks(
         )
         top, apart = top.astype(reached.dtype), apart.astype(reached.dtype)
     return top, moved, apart, inertia
-
-
-def _means(found: _Found) -> Float[Array, "N K D"]:
-    # XLA turns division by a broadcast into a product with the reciprocal, and the mean of equal
-    # points would differ from them; the barrier keeps the division.
-    divisor = jnp.broadcast_to(jnp.maximum(found.number, 1.0)[..., None], found.sums.shape)
-    return found.sums / lax.optimization_barrier(divisor)
-
-
-def _owned(owner: Int[Array, "L"], num: int) -> Bool[Array, "N L"]:
-    """Which blocks belong to each set."""
-    return owner[None] == jnp.arange(num, dtype=jnp.int32)[:, None]
 
 
 def _sum_up_to(numbers: Int[Array, "N"]) -> Int[Array, "N"]:

@@ -17,23 +17,19 @@ from remind_jax.decision import Outcome
 from remind_jax.explanation.archive import TraceArchive
 from remind_jax.explanation.remind.explainer import FrameRecord, RemindExplainer
 from remind_jax.explanation.remind.explanation import RemindExplanation
-from remind_jax.remind.association.assignment import associate
-from remind_jax.remind.association.diagnosis import diagnose, find_anchors
-from remind_jax.remind.association.gating import read_context
+from remind_jax.remind.association.diagnosis import find_anchors
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import Comparison, Terms
 from remind_jax.remind.context.hypotheses import no_hypotheses
-from remind_jax.remind.context.influence import no_influence
+from remind_jax.remind.context.influence import find_supported, no_influence
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.memory.objects import Lifecycle
-from remind_jax.remind.outcome import decide
-from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.trace import Intermediates, collect_trace
-from remind_jax.remind.undecided.settlement import settle
-from remind_jax.remind.undecided.temporal import tabulate_pairs
+from remind_jax.remind.trace import collect_trace
+from remind_jax.remind.tracker import DescribedFrame, decide_pairs
 from tests.outputs.fake_run import make_tracks
+from tests.remind.association.tables import unrelated
 from tests.statics import make_static
 
 NUM, SLOTS = 3, 4
@@ -116,7 +112,6 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     comparison = Comparison(
         candidate=candidate,
         score=value[0],
-        source=jnp.ones((3, NUM), jnp.int32),
         terms=terms,
         auto=terms,
         neutral=terms,
@@ -130,37 +125,22 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
         patch_sum=jnp.full(NUM, 40.0),
     )
     masks: Any = SimpleNamespace(valid=valid, detector_score=valid)
-    num_terms = jnp.ones(NUM, jnp.int32)
-    evidence = diagnose(comparison.score, candidate, num_terms, STATIC.switches.margin, t.diagnosis)
     anchors = find_anchors(comparison.score, candidate, t.diagnosis)
     on = has_context > 0
     felt = dataclasses.replace(
         no_influence(SLOTS, STATIC.scalar), **said, enabled=on, global_ok=on, quality=0.7 * on
     )
-    reasoning = Reasoning(felt, candidate & (veto == 0), veto, no_hypotheses(NUM, SLOTS, STATIC))
-    verdict = read_context(reasoning, t.influence, t.ambiguous)
-    assignment = associate(comparison, evidence, verdict, descriptors.class_id, STATIC, t.matching)
-    table = tabulate_pairs(
-        comparison, assignment.pairs, verdict, t.similarity, t.ambiguous.known_set_score
-    )
-    apart, never = jnp.zeros((NUM, NUM)), jnp.zeros((NUM, NUM), bool)
-    relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
-    settlement = settle(table, assignment, state, descriptors, relations, STATIC, t)
-    final = diagnose(
-        assignment.pairs.score_final, assignment.pairs.eligible, num_terms, STATIC.switches.margin,
-        t.diagnosis,
+    reasoning = Reasoning(
+        felt, candidate & (veto == 0), find_supported(felt, t), veto,
+        no_hypotheses(NUM, SLOTS, STATIC),
     )  # fmt: skip
-    decisions, stages = decide(
-        objects, masks, descriptors, table, anchors, evidence, final, assignment, settlement,
-        STATIC,
+    ones = jnp.ones(NUM)
+    decisions, made_of = decide_pairs(
+        state, DescribedFrame(descriptors, masks), Quality(ones, ones, ones, ones, ones),
+        unrelated(NUM, STATIC.scalar), comparison, anchors, reasoning, STATIC, t,
     )  # fmt: skip
     new = decisions.outcome == Outcome.NEW
     decisions = dataclasses.replace(
         decisions, object_id=jnp.where(new, num_objects, decisions.object_id)
     )
-    ones = jnp.ones(NUM)
-    intermediates = Intermediates(
-        state, Quality(ones, ones, ones, ones, ones), relations, anchors, reasoning, table,
-        assignment, settlement, stages,
-    )  # fmt: skip
-    return decisions, collect_trace(intermediates, STATIC, t)
+    return decisions, collect_trace(made_of, STATIC, t)

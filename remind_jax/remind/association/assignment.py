@@ -13,10 +13,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.reductions import pick_in_rows
-from remind_jax.remind.association.diagnosis import Evidence, admit_by_status, rank_two
-from remind_jax.remind.association.gating import ContextVerdict, Pairs, gate_pairs, initial_pairs
+from remind_jax.remind.association.diagnosis import (
+    Evidence,
+    admit_by_status,
+    grant_claims,
+    rank_two,
+)
+from remind_jax.remind.association.gating import Pairs, gate_pairs, initial_pairs
 from remind_jax.remind.association.similarity import Comparison
+from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.stages import Lock
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Matching
 from remind_jax.solvers.assignment import assign
 from remind_jax.solvers.greedy import assign_greedily
@@ -37,36 +44,36 @@ class Assignment:
 def associate(
     comparison: Comparison,
     evidence: Evidence,
-    context: ContextVerdict,
+    reasoning: Reasoning,
     class_id: Int[Array, "N"],
     static: Static,
-    t: Matching,
+    t: Thresholds,
 ) -> Assignment:
     """Settles clear wins first and assigns the rest jointly, class by class."""
-    candidate, score = comparison.candidate, comparison.score
-    num, slots = candidate.shape
-    everyone, nothing = jnp.ones(num, bool), jnp.zeros(slots, bool)
-    rules = context.rules
+    score, rules, matching = comparison.score, t.influence, t.matching
+    num, slots = score.shape
     open_to_context = admit_by_status(
         evidence.status, rules.on_strong, rules.on_ambiguous, rules.on_weak
     )
-    pairs = gate_pairs(
-        initial_pairs(score), candidate, score, context, open_to_context, everyone, nothing, t
-    )
-    locked, lock = lock_pairs(pairs, score, t)
+
+    def gate(pairs: Pairs, rows: Bool[Array, "N"], used: Bool[Array, "O"]) -> Pairs:
+        return gate_pairs(pairs, comparison, reasoning, open_to_context, rows, used, t)
+
+    pairs = gate(initial_pairs(score), jnp.ones(num, bool), jnp.zeros(slots, bool))
+    locked, lock = lock_pairs(pairs, score, matching)
     used, free = jnp.any(locked, axis=0), ~jnp.any(locked, axis=1)
     locked_score = jnp.sum(jnp.where(locked, pairs.score_final, 0.0), axis=1)
 
-    pairs = gate_pairs(pairs, candidate, score, context, open_to_context, free, used, t)
-    allowed, dummy = pairs.eligible & free[:, None], dummy_scores(evidence, t)
+    pairs = gate(pairs, free, used)
+    allowed, dummy = pairs.eligible & free[:, None], dummy_scores(evidence, matching)
     if static.switches.assignment == "greedy":
-        column = assign_greedily(pairs.score_assign, allowed, dummy, t.dummies)
+        column = assign_greedily(pairs.score_assign, allowed, dummy, matching.dummies)
     else:
         column = assign(
-            pairs.score_assign, allowed, class_id, dummy, t.dummies, solver=static.solver
+            pairs.score_assign, allowed, class_id, dummy, matching.dummies, solver=static.solver
         )
     final, visual = pick_in_rows(column, pairs.score_final, score)
-    accepted = (column != NO_SLOT) & (final >= t.match) & (visual >= t.min_visual)
+    accepted = (column != NO_SLOT) & (final >= matching.match) & (visual >= matching.min_visual)
     solved = jnp.where(accepted, column, NO_SLOT)  # method.md#acceptance
     return Assignment(
         slot=jnp.where(free, solved, jnp.argmax(locked, axis=1).astype(jnp.int32)),
@@ -97,10 +104,7 @@ def lock_pairs(
     def propose(open_pairs: Bool[Array, "X Y"], scores: Float[Array, "X Y"]) -> Array:
         """Each row proposes its best column; of the proposals to a column the best stands."""
         best, top, second, number = rank_two(scores, open_pairs)
-        ok = (number > 0) & wins(top, second)
-        proposed = ok[:, None] & (jnp.arange(scores.shape[1]) == best[:, None])
-        winner = jnp.argmax(jnp.where(proposed, top[:, None], -jnp.inf), axis=0)
-        return proposed & (jnp.arange(scores.shape[0])[:, None] == winner[None])
+        return grant_claims((number > 0) & wins(top, second), best, top, scores.shape[1])
 
     by_object = propose(pairs.eligible.T, score.T).T & t.object_locks
     free = ~jnp.any(by_object, axis=1)[:, None] & ~jnp.any(by_object, axis=0)[None]

@@ -16,8 +16,9 @@ from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.pooling import dot
 from remind_jax.numerics.slices import spread_over_batch, take_slice
 from remind_jax.observation import Descriptors
-from remind_jax.remind.memory.prototypes import Bank, confidence, mean_quality
+from remind_jax.remind.memory.prototypes import STABLE, Bank, confidence, mean_quality
 from remind_jax.remind.state import TrackerState
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
 
 _SLOTS_AT_ONCE = 4
@@ -35,69 +36,46 @@ class Score:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class ChannelScores:
-    """Every channel against the work and the stable bank."""
+    """Every channel against the banks; the first axis is that of the two, work and stable."""
 
-    object_work: Score  # [A N O]
-    object_stable: Score
-    authority_work: Float[Array, "A N O"]  # how proven the winning prototype is, [0, 1]
-    authority_stable: Float[Array, "A N O"]
-    rings_work: Score  # [R N O]
-    rings_stable: Score
-    parts_work: Score  # [C N O]
-    parts_stable: Score
-    prototypes_work: Score | None = None  # [R N O], of the rings
-    prototypes_stable: Score | None = None
+    objects: Score  # [2 A N O]
+    authority: Float[Array, "2 A N O"]  # how proven the winning prototype is, [0, 1]
+    rings: Score  # [2 R N O]
+    parts: Score  # [2 C N O]
+    prototypes: Score | None = None  # [2 R N O], of the rings
 
 
 def compare_channels(
-    state: TrackerState,
-    descriptors: Descriptors,
-    static: Static,
-    background: Bool[Array, ""],
-    promote_hits: Int[Array, ""],
+    state: TrackerState, descriptors: Descriptors, static: Static, t: Thresholds
 ) -> ChannelScores:
     """Compares every channel with its two banks (method.md#channel-scores)."""
+    background, switches = t.background.enabled, static.switches
+    rings = descriptors.appearance.shape[1]  # whose channels follow those of the appearance
     vectors = jnp.concatenate([descriptors.appearance, descriptors.rings], axis=1)
     seen = [descriptors.appearance_valid, descriptors.rings_valid & background]
-    wholes, proven = _best_of_bank(
-        state.wholes, jnp.swapaxes(vectors, 0, 1), jnp.concatenate(seen, axis=1).T, promote_hits
+    wholes, authority = _best_of_bank(
+        state.wholes,
+        jnp.swapaxes(vectors, 0, 1),
+        jnp.concatenate(seen, axis=1).T,
+        t.appearance.promote_hits,
     )
     parts, parts_seen = (
         jnp.swapaxes(leaf, 0, 1) for leaf in (descriptors.parts, descriptors.parts_valid)
     )
-
-    def both(score: Score) -> tuple[Score, Score]:
-        """Against the work and against the stable bank."""
-        work, stable = (Score(*sides) for sides in zip(score.value, score.present, strict=True))
-        return work, _absent(stable) if static.switches.banks_read == "work" else stable
-
-    rings = descriptors.appearance.shape[1]
-    object_work, object_stable = both(jax.tree.map(lambda leaf: leaf[:, :rings], wholes))
-    rings_work, rings_stable = both(jax.tree.map(lambda leaf: leaf[:, rings:], wholes))
-    authority_work, authority_stable = proven[:, :rings]
-    parts_work, parts_stable = both(
-        _best_parts(state.parts, parts, parts_seen, static.switches.part_top)
+    scores = ChannelScores(
+        objects=jax.tree.map(lambda leaf: leaf[:, :rings], wholes),
+        authority=authority[:, :rings],
+        rings=jax.tree.map(lambda leaf: leaf[:, rings:], wholes),
+        parts=_best_parts(state.parts, parts, parts_seen, switches.part_top),
     )
-    prototypes: tuple[Score | None, Score | None] = None, None
     if descriptors.ring_prototypes is not None and state.ring_prototypes is not None:
         patches = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), descriptors.ring_prototypes)
-        known, top = patches.valid & background, static.switches.ring_prototype_top
-        prototypes = both(_best_parts(state.ring_prototypes, patches.vector, known, top))
-    return ChannelScores(
-        object_work,
-        object_stable,
-        authority_work,
-        authority_stable,
-        rings_work,
-        rings_stable,
-        parts_work,
-        parts_stable,
-        *prototypes,
-    )
-
-
-def _absent(score: Score) -> Score:
-    return jax.tree.map(jnp.zeros_like, score)
+        known, top = patches.valid & background, switches.ring_prototype_top
+        best = _best_parts(state.ring_prototypes, patches.vector, known, top)
+        scores = dataclasses.replace(scores, prototypes=best)
+    if switches.banks_read == "work":
+        scores = jax.tree.map(lambda leaf: leaf.at[STABLE].set(0), scores)
+    return scores
 
 
 def _best_of_bank(

@@ -35,17 +35,13 @@ class Evidence:
     confidence: Float[Array, "N"]  # [0, 1]
 
 
-def top_two(
-    scores: Float[Array, "*B O"], counted: Bool[Array, "*B O"]
-) -> tuple[Int[Array, "*B"], Float[Array, "*B"], Float[Array, "*B"]]:
-    """The first best column of each row, its score and the second best score (0 if none)."""
-    return rank_two(scores, counted)[:3]
-
-
 def rank_two(
     scores: Float[Array, "*B O"], counted: Bool[Array, "*B O"]
 ) -> tuple[Int[Array, "*B"], Float[Array, "*B"], Float[Array, "*B"], Int[Array, "*B"]]:
-    """As `top_two`, with the number of columns that count."""
+    """The first best column of each row, its score, the second best score, and how many count.
+
+    A score that there is not is 0.
+    """
     masked = jnp.where(counted, scores, -jnp.inf)
     top, best = largest(masked)
     rest = jnp.where(jnp.arange(scores.shape[-1]) == best[..., None], -jnp.inf, masked)
@@ -63,9 +59,16 @@ def find_anchors(
     """
     best, top, second, number = rank_two(scores, candidate)
     clear = (number > 0) & (top >= t.anchor_score) & (top - second >= t.anchor_margin)
-    claims = clear[:, None] & (jnp.arange(scores.shape[1]) == best[:, None])
-    winner = jnp.argmax(jnp.where(claims, top[:, None], -jnp.inf), axis=0)
-    return claims & (jnp.arange(scores.shape[0])[:, None] == winner[None])
+    return grant_claims(clear, best, top, scores.shape[1])
+
+
+def grant_claims(
+    claims: Bool[Array, "N"], column: Int[Array, "N"], score: Float[Array, "N"], num_columns: int
+) -> Bool[Array, "N O"]:
+    """Pairs of the rows that claim a column; of several that claim the same, the best stands."""
+    claimed = claims[:, None] & (jnp.arange(num_columns) == column[:, None])
+    winner = jnp.argmax(jnp.where(claimed, score[:, None], -jnp.inf), axis=0)
+    return claimed & (jnp.arange(len(claims))[:, None] == winner[None])
 
 
 def admit_by_status(

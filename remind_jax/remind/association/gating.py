@@ -9,12 +9,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.context.reasoning import Reasoning
-from remind_jax.remind.thresholds.association import Matching
-from remind_jax.remind.thresholds.context import Influence as InfluenceRules
-from remind_jax.remind.thresholds.outcome import Ambiguous
-
-_TINY = 1e-12
+from remind_jax.remind.thresholds import Thresholds
 
 
 class Gate(enum.IntEnum):
@@ -41,35 +38,6 @@ class Pairs:
     bonus: Float[Array, "N O"]  # context adjustment that was applied
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class ContextVerdict:
-    """What context says of pairs and objects; neutral where there is none."""
-
-    plausible: Bool[Array, "N O"]  # candidates that context does not veto
-    bonus_raw: Float[Array, "O"]  # signed adjustment of the score
-    supported: Bool[Array, "O"]  # clearly backed by context
-    rules: InfluenceRules  # whose scores context may change, and which pairs it may rescue
-
-
-def read_context(
-    reasoning: Reasoning, influence: InfluenceRules, ambiguous: Ambiguous
-) -> ContextVerdict:
-    """What context means for pairs and objects (method.md#context-support)."""
-    context = reasoning.influence
-    some = (context.support > _TINY) | (context.score_sets > _TINY)
-    strong = (context.compat_rel >= ambiguous.min_relative_support) & (
-        context.kernel_raw >= influence.min_kernel
-    )
-    supported = some & (context.compat_band | strong)
-    return ContextVerdict(
-        plausible=reasoning.plausible,
-        bonus_raw=context.bonus_raw,
-        supported=supported | (context.score_sets >= ambiguous.min_net_support),
-        rules=influence,
-    )
-
-
 def initial_pairs(score: Float[Array, "N O"]) -> Pairs:
     """The table before any gate: all scores visual, nothing eligible."""
     nothing = jnp.zeros(score.shape, bool)
@@ -79,13 +47,12 @@ def initial_pairs(score: Float[Array, "N O"]) -> Pairs:
 
 def gate_pairs(
     pairs: Pairs,
-    candidate: Bool[Array, "N O"],
-    score: Float[Array, "N O"],
-    context: ContextVerdict,
+    comparison: Comparison,
+    reasoning: Reasoning,
     open_to_context: Bool[Array, "N"],
     rows: Bool[Array, "N"],
     used: Bool[Array, "O"],
-    t: Matching,
+    t: Thresholds,
 ) -> Pairs:
     """Opens the pairs that are good enough and rewrites the scores of those.
 
@@ -94,23 +61,25 @@ def gate_pairs(
       open_to_context: Detections that context may influence (method.md#context-allowed).
       used: Objects already taken; they open the whole class to context.
     """
+    candidate, score, matching = comparison.candidate, comparison.score, t.matching
+    bonus_raw = reasoning.influence.bonus_raw
     allowed = open_to_context | jnp.any(candidate & used[None], axis=1)
-    allowed = allowed & context.rules.enabled
-    bonus = jnp.where(allowed[:, None], context.bonus_raw[None], 0.0)
-    rescued = allowed[:, None] & (score >= context.rules.rescue_visual)
-    rescued = rescued & (bonus > 0) & (score + bonus >= t.match)
-    low = (score < t.min_visual) & t.gate_min_visual
-    below = (score < t.match) & t.gate_match
+    allowed = allowed & t.influence.enabled
+    bonus = jnp.where(allowed[:, None], bonus_raw[None], 0.0)
+    rescued = allowed[:, None] & (score >= t.influence.rescue_visual)
+    rescued = rescued & (bonus > 0) & (score + bonus >= matching.match)
+    low = (score < matching.min_visual) & matching.gate_min_visual
+    below = (score < matching.match) & matching.gate_match
 
     gate = jnp.where(below & rescued, Gate.SETS_RESCUE, Gate.PASS_MATCH_THR)
     gate = jnp.where(used[None], Gate.BLOCK_USED_OBJECT, gate)
     gate = jnp.where(below & ~rescued, Gate.BLOCK_MATCH_THR, gate)
     gate = jnp.where(low, Gate.BLOCK_MIN_MATCH, gate)
-    gate = jnp.where(candidate & context.plausible, gate, Gate.NONE)
+    gate = jnp.where(candidate & reasoning.plausible, gate, Gate.NONE)
     row = rows[:, None]
     opened = row & (gate >= Gate.PASS_MATCH_THR)
     final = score + bonus
-    known = jnp.maximum(final, score + context.bonus_raw[None])
+    known = jnp.maximum(final, score + bonus_raw[None])
     return Pairs(
         eligible=jnp.where(row, opened, pairs.eligible),
         gate=jnp.where(row, gate, pairs.gate).astype(jnp.int32),

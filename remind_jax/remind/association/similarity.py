@@ -24,6 +24,7 @@ from remind_jax.observation import Descriptors
 from remind_jax.remind.association.channel_scores import ChannelScores, Score, compare_channels
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.state import TrackerState
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Similarity
 from remind_jax.static import Static
 
@@ -62,8 +63,7 @@ class Comparison:
 
     candidate: Bool[Array, "N O"]  # same class; nothing else rules an object out
     score: Float[Array, "N O"]  # the visual score, [0, 1]; 0 for non-candidates
-    source: Int[Array, "T N"]  # bank compared by: AUTO, WORK or STABLE
-    terms: Terms  # under the source of each detection
+    terms: Terms  # by AUTO, WORK or STABLE, as fits all candidates of the detection
     auto: Terms  # under AUTO
     neutral: Terms  # the better of both banks, for scores comparable between candidates
     neutral_weights: Float[Array, "T N 1"]  # without the authority of the prototypes
@@ -75,19 +75,17 @@ def compare(
     descriptors: Descriptors,
     quality: Quality,
     static: Static,
-    t: Similarity,
-    background: Bool[Array, ""],
-    promote_hits: Int[Array, ""],
+    thresholds: Thresholds,
 ) -> Comparison:
     """Scores every detection against every object of its class, and against undecided tracks.
 
     Rule: method.md#candidates.
     """
-    objects = state.objects
+    objects, t = state.objects, thresholds.similarity
     slots = objects.id.shape[0]
     candidate = descriptors.valid[:, None] & objects.exists[None]
     candidate = candidate & (descriptors.class_id[:, None] == objects.class_id[None])
-    channels = compare_channels(state, descriptors, static, background, promote_hits)
+    channels = compare_channels(state, descriptors, static, thresholds)
 
     ways = collapse(channels, _WAYS, static, t)
     width = ways.authority.shape[-1]
@@ -109,7 +107,6 @@ def compare(
     return Comparison(
         candidate=candidate,
         score=score[:, :slots],
-        source=source,
         terms=jax.tree.map(lambda leaf: leaf[..., :slots], terms),
         auto=jax.tree.map(lambda leaf: leaf[AUTO], of_objects),
         neutral=jax.tree.map(lambda leaf: leaf[_NEUTRAL], of_objects),
@@ -160,8 +157,8 @@ def collapse(
     """
     c = channels
     of_term = list(zip(*ways, strict=True))
-    score, takes_stable = _collapse_pair(c.object_work, c.object_stable, of_term[OBJECT])
-    authority = jnp.where(takes_stable, c.authority_stable, c.authority_work)
+    score, takes_stable = _collapse_banks(c.objects, of_term[OBJECT])
+    authority = jnp.where(takes_stable, c.authority[1], c.authority[0])
     best = [
         (Score(score.value[:, channel], score.present[:, channel]), authority[:, channel])
         for channel, name in enumerate(("global", "trimmed"))
@@ -174,21 +171,16 @@ def collapse(
         authority = jnp.where(wins, its_authority, authority)
     authority = jnp.where(obj.present, authority, 1.0)
 
-    back, _ = _collapse_pair(
-        _combine_rings(c.rings_work, static, t),
-        _combine_rings(c.rings_stable, static, t),
-        of_term[BACKGROUND],
-    )
-    parts, _ = _collapse_pair(c.parts_work, c.parts_stable, of_term[PARTS])
+    back, _ = _collapse_banks(_combine_rings(c.rings, static, t), of_term[BACKGROUND])
+    parts, _ = _collapse_banks(c.parts, of_term[PARTS])
     counted = jnp.array(
         [static.switches.part_channel in ("best", c) for c in static.switches.part_channels]
     )
     present = parts.present & counted[:, None, None]
     parts = Score(jnp.max(jnp.where(present, parts.value, 0.0), axis=1), jnp.any(present, axis=1))
     terms = [obj, back, parts]
-    if c.prototypes_work is not None and c.prototypes_stable is not None:
-        work, stable = _join_rings(c.prototypes_work, t), _join_rings(c.prototypes_stable, t)
-        terms.append(_collapse_pair(work, stable, of_term[RING_PROTOTYPES])[0])
+    if c.prototypes is not None:
+        terms.append(_collapse_banks(_join_rings(c.prototypes, t), of_term[RING_PROTOTYPES])[0])
     return Terms(
         value=jnp.stack([term.value for term in terms], axis=1),
         present=jnp.stack([term.present for term in terms], axis=1),
@@ -196,10 +188,9 @@ def collapse(
     )
 
 
-def _collapse_pair(
-    work: Score, stable: Score, rules: Sequence[Rule]
-) -> tuple[Score, Bool[Array, "..."]]:
+def _collapse_banks(banks: Score, rules: Sequence[Rule]) -> tuple[Score, Bool[Array, "..."]]:
     """One score from the two banks for each rule, and whether it is the stable one."""
+    work, stable = (Score(banks.value[bank], banks.present[bank]) for bank in range(2))
     is_rule = {
         rule: np.array([one == rule for one in rules]).reshape(-1, *[1] * work.present.ndim)
         for rule in ("stable", "prefer_stable", "max")
@@ -216,9 +207,9 @@ def _collapse_pair(
 def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
     """Joins inner and outer ring; one alone counts in full (method.md#channel-scores)."""
     if static.switches.ring_channel == "inner":
-        return jax.tree.map(lambda leaf: leaf[0], rings)
+        return jax.tree.map(lambda leaf: leaf[:, 0], rings)
     if static.switches.ring_channel == "outer":
-        return jax.tree.map(lambda leaf: leaf[1], rings)
+        return jax.tree.map(lambda leaf: leaf[:, 1], rings)
     return _join_rings(rings, t)
 
 
@@ -227,10 +218,10 @@ def _join_rings(rings: Score, t: Similarity) -> Score:
     total = given[0] + given[1]
     shares = divide(columns(*given), jnp.maximum(total, 1e-12))
     shares = jnp.where(total > 1e-12, shares, 0.5)
-    inner, outer = rings.value
+    inner, outer = rings.value[:, 0], rings.value[:, 1]
+    has_inner, has_outer = rings.present[:, 0], rings.present[:, 1]
     joint = divide(shares[0] * inner + shares[1] * outer, shares[0] + shares[1])
-    both = rings.present[0] & rings.present[1]
-    return Score(jnp.where(both, joint, inner + outer), rings.present[0] | rings.present[1])
+    return Score(jnp.where(has_inner & has_outer, joint, inner + outer), has_inner | has_outer)
 
 
 def term_weights(

@@ -30,15 +30,13 @@ from remind_jax.remind.context.options import (
     VARIANTS,
     Menu,
     Options,
-    largest_choice,
     list_options,
     support_by_kernel,
     write_menu,
 )
 from remind_jax.remind.context.set_score import (
     FrameScale,
-    Tally,
-    empty_tally,
+    Rating,
     score_sets,
     tally_choices,
 )
@@ -141,30 +139,6 @@ def number_sets(
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Rating:
-    """What is known of sets, any leading shape."""
-
-    score: Float[Array, "..."]  # [0, 1]
-    density: Float[Array, "..."]  # [0, 1]
-    maturity: Float[Array, "..."]  # mean over the members, [0, 1)
-    tally: Tally
-
-    def pack(self) -> Float[Array, "... F"]:
-        """All fields side by side: one array to write, and to pick from."""
-        return jnp.stack([leaf.astype(self.score.dtype) for leaf in jax.tree.leaves(self)], axis=-1)
-
-    @classmethod
-    def unpack(cls, packed: Float[Array, "... F"]) -> Rating:
-        """The fields of what `pack` gives."""
-        score, density, maturity, info, support, weight, stability, lead, exclusive = (
-            packed[..., field] for field in range(packed.shape[-1])
-        )
-        tally = Tally(info, support, weight, stability, lead, exclusive > 0)
-        return cls(score, density, maturity, tally)
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class Beam:
     """Partial hypotheses in the order in which they are expanded.
 
@@ -188,12 +162,9 @@ class Beam:
 def empty_beam(num: int, slots: int, static: Static) -> Beam:
     """Nothing chosen yet, in the first row; the other rows are free."""
     width, scalar = static.switches.beam_width, static.scalar
-    zero = jnp.zeros((), scalar)
-    one = (
-        empty_set(min(num, slots), slots, scalar),
-        Rating(score=zero, density=zero, maturity=zero, tally=empty_tally(scalar)).pack(),
-        jnp.zeros(num, bool),
-    )
+    # Sums begin at 0, the product of the information at 1.
+    rates = jnp.array([field.name == "info" for field in dataclasses.fields(Rating)], scalar)
+    one = empty_set(min(num, slots), slots, scalar), rates, jnp.zeros(num, bool)
     sets, rates, detections = jax.tree.map(
         lambda leaf: jnp.broadcast_to(leaf, (width, *leaf.shape)), one
     )
@@ -225,8 +196,7 @@ def expand_by_class(
         sets, rates = rows
         support, has_kernel = support_by_kernel(sets.members, pool, view, links.maturity, static, t)
         options = list_options(support, has_kernel, pool, menu, t)
-        tally = Rating.unpack(rates).tally
-        rating = _rate_choices(sets, tally, options, menu, scale, links, t)
+        rating = _rate_choices(sets, Rating.unpack(rates), options, menu, scale, links, t)
         return options.ranked, rating.pack(), rank_choices(options.support, menu.allowed)
 
     ranked, rates, order = by_chunks(rate, (beam.sets, beam.rates), beam.num_sets)
@@ -241,7 +211,7 @@ def expand_by_class(
     count, variant = child.count[origin], child.variant[origin]
     chosen = _chosen_objects(ranked[parent], count, variant)
     return Beam(
-        sets=join_chosen(beam.sets, parent, chosen, largest_choice(menu), num_sets, links),
+        sets=join_chosen(beam.sets, parent, chosen, menu.largest, num_sets, links),
         rates=rates[parent, count, variant],
         num_sets=num_sets,
         set_of=set_of,
@@ -252,7 +222,7 @@ def expand_by_class(
 
 def _rate_choices(
     sets: MemberSet,
-    tally: Tally,
+    rating: Rating,
     options: Options,
     menu: Menu,
     scale: FrameScale,
@@ -263,12 +233,14 @@ def _rate_choices(
     ranked = options.ranked
     size = sets.size[:, None, None] + jnp.arange(ranked.shape[1], dtype=jnp.int32)[:, None]
     size = jnp.broadcast_to(size, options.support.shape)
-    tree = grow_trees(sets, ranked, largest_choice(menu), links)
-    cohesion = rate_cohesion(size, tree, count_links(sets, ranked, links, t), t)
-    trust = rate_trust(members_by_choice(sets.members, ranked), size, links.maturity, t)
-    grown = tally_choices(tally, options, menu)
-    score = score_sets(size, cohesion, trust, grown, scale, t)
-    return Rating(score, cohesion.density, trust.maturity, grown)
+    tree = grow_trees(sets, ranked, menu.largest, links)
+    density, connection = rate_cohesion(size, tree, count_links(sets, ranked, links, t), t)
+    members = members_by_choice(sets.members, ranked)
+    maturity, reliability = rate_trust(members, size, links.maturity, t)
+    grown = tally_choices(rating, options, menu)
+    grown = dataclasses.replace(grown, density=density, maturity=maturity)
+    score = score_sets(size, grown, scale, t) * connection * reliability
+    return dataclasses.replace(grown, score=jnp.clip(score, 0.0, 1.0))
 
 
 def _chosen_objects(

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.memory.cooccurrence import CooccurrenceGraph, conditional
-from remind_jax.remind.memory.objects import Objects
+from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds.context import Sets
 from remind_jax.remind.thresholds.relations import Cooccurrence
 from remind_jax.static import Static
@@ -37,21 +37,21 @@ class FrameView:
 
 
 def view_frame(
-    graph: CooccurrenceGraph,
-    objects: Objects,
-    anchors: Bool[Array, "O"],
+    state: TrackerState,
+    anchors: Bool[Array, "N O"],
     descriptors: Descriptors,
     masks: Masks,
     t: Cooccurrence,
 ) -> FrameView:
     """Gathers what the context reads; all objects in memory count, seen in company or not."""
+    objects, graph = state.objects, state.cooccurrence
     num_objects = jnp.sum(objects.exists, dtype=jnp.int32)
     return FrameView(
         graph=graph,
         conditional=conditional(graph, num_objects, t),
         exists=objects.exists,
         object_class=objects.class_id,
-        anchors=anchors,
+        anchors=jnp.any(anchors, axis=0),
         det_class=descriptors.class_id,
         det_score=masks.detector_score,
         det_valid=descriptors.valid,

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.ranks import order_rising
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.context.evidence import FrameView, maturity
 from remind_jax.remind.thresholds.context import Sets
@@ -93,10 +94,4 @@ def _rank_objects(view: FrameView, t: Sets) -> Int[Array, "O"]:
     value = jnp.where(expected, best, maturity(view.graph.episodes, t))
     value = jnp.where(anchors, 0.0, value)
     named = jnp.where(anchors, 0, jnp.where(expected, speaker, slots - slot))
-    # Counting the objects before each one is quicker than sorting.
-    before, tie = False, True
-    for key in (group, -value, named, slot):
-        one, other = key[:, None], key[None, :]
-        before, tie = before | (tie & (one < other)), tie & (one == other)
-    rank = jnp.sum(before, axis=0, dtype=jnp.int32)
-    return jnp.argmax(rank == slot[:, None], axis=1).astype(jnp.int32)
+    return order_rising([group, -value, named])

@@ -22,7 +22,6 @@ from remind_jax.remind.context.member_sets import (
     LinkCounts,
     MemberSet,
     extend_paths,
-    extend_tree,
     line_up,
     link_strengths,
     reach_members,
@@ -77,7 +76,9 @@ def grow_trees(
         path, edges, table = carry
         both = take_slice(strength, count - 1, VARIANTS)
         reach = jax.vmap(_reach, (None, 0))(path, both)
-        grown = extend_tree(edges[None], reach)
+        # The newcomer counts as the first of all, so that it adds nothing of its own, and for the
+        # others as one more that is earlier.
+        grown = jnp.maximum(edges[None], reach)
         table = put_slice(table, jnp.sum(grown, axis=2)[None], count)
         return _extend(path, reach[0], sets.size + count - 1), grown[0], table
 

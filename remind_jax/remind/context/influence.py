@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.summary import Context
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.context import Influence as Rules
 
 _TINY = 1e-12
@@ -69,21 +70,22 @@ def no_influence(num_objects: int, scalar: jnp.dtype) -> Influence:
 
 def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Influence:
     """Support, contradiction and the bonus or penalty that follow for each object."""
-    s, c = context.standing, context.classes
     usable = context.global_ok & (context.quality >= t.min_quality) & exists
-    ready = (s.kernel >= t.min_kernel) & s.covered
-    in_band = (c.best_relative > 0.0) & (s.kernel_relative > 0.0)
-    in_band = in_band & (s.kernel_relative >= jnp.maximum(0.0, c.soft_cut - _SLACK))
-    inside = ready & (in_band | s.soft_supported)
+    ready = (context.kernel >= t.min_kernel) & context.covered
+    in_band = (context.best_relative > 0.0) & (context.kernel_relative > 0.0)
+    in_band = in_band & (context.kernel_relative >= jnp.maximum(0.0, context.soft_cut - _SLACK))
+    inside = ready & (in_band | context.soft_supported)
 
     weights = jnp.maximum(_TINY, t.local_weight + t.global_weight)
     support = t.local_weight * _local_support(context, t)
     support = support + t.global_weight * _global_support(context, inside, t)
     support = jnp.clip(divide(support, weights), 0.0, 1.0)
-    contradicted = ~inside & (c.kept_count > 0) & (c.pruning >= t.contradiction_min_pruning)
-    contradicted = contradicted & (c.strength >= t.contradiction_min_strength)
-    contradicted = contradicted & (s.kernel_relative <= t.contradiction_max_support)
-    contradiction = jnp.where(contradicted, c.pruning, 0.0)
+    contradicted = (
+        ~inside & (context.kept_count > 0) & (context.pruning >= t.contradiction_min_pruning)
+    )
+    contradicted = contradicted & (context.strength >= t.contradiction_min_strength)
+    contradicted = contradicted & (context.kernel_relative <= t.contradiction_max_support)
+    contradiction = jnp.where(contradicted, context.pruning, 0.0)
     quality = context.quality
     bonus = t.positive_cap * quality * support - t.negative_cap * quality * contradiction
     used = lambda value: jnp.where(usable, value, 0.0)  # noqa: E731
@@ -91,14 +93,14 @@ def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Inf
         bonus_raw=used(bonus),
         score_sets=used(support - contradiction),
         support=used(support),
-        compat_rel=used(s.kernel_relative),
+        compat_rel=used(context.kernel_relative),
         compat_band=usable & inside,
-        kernel_raw=used(s.kernel),
-        soft_supported=s.soft_supported,
-        shortlist=s.shortlist,
-        kept_count=c.kept_count,
-        pruning=c.pruning,
-        strength=c.strength,
+        kernel_raw=used(context.kernel),
+        soft_supported=context.soft_supported,
+        shortlist=context.shortlist,
+        kept_count=context.kept_count,
+        pruning=context.pruning,
+        strength=context.strength,
         has_pack=exists,
         quality=quality,
         global_ok=context.global_ok,
@@ -106,17 +108,28 @@ def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Inf
     )
 
 
+def find_supported(influence: Influence, t: Thresholds) -> Bool[Array, "O"]:
+    """Objects that the context clearly backs (method.md#context-support)."""
+    some = (influence.support > _TINY) | (influence.score_sets > _TINY)
+    strong = (influence.compat_rel >= t.ambiguous.min_relative_support) & (
+        influence.kernel_raw >= t.influence.min_kernel
+    )
+    net = influence.score_sets >= t.ambiguous.min_net_support
+    return (some & (influence.compat_band | strong)) | net
+
+
 def _local_support(context: Context, t: Rules) -> Float[Array, "O"]:
     """Support by the surroundings alone, [0, 1]."""
-    s = context.standing
-    counts = s.covered & (s.kernel >= t.local_min_kernel)
-    counts = counts & (s.hits >= t.local_min_hits) & (s.hit_share >= t.local_min_hit_share)
+    counts = context.covered & (context.kernel >= t.local_min_kernel)
+    counts = (
+        counts & (context.hits >= t.local_min_hits) & (context.hit_share >= t.local_min_hit_share)
+    )
     least = t.local_min_hit_share
-    hits = jnp.clip(divide(s.hit_share - least, jnp.maximum(_TINY, 1.0 - least)), 0.0, 1.0)
+    hits = jnp.clip(divide(context.hit_share - least, jnp.maximum(_TINY, 1.0 - least)), 0.0, 1.0)
     enough = jnp.maximum(1, t.local_min_hits).astype(hits.dtype)
-    count = jnp.clip(divide(s.hits.astype(hits.dtype), enough), 0.0, 1.0)
-    reference = jnp.maximum(jnp.maximum(_TINY, context.classes.best_kernel), t.local_min_kernel)
-    kernel = jnp.clip(s.kernel / reference, 0.0, 1.0)
+    count = jnp.clip(divide(context.hits.astype(hits.dtype), enough), 0.0, 1.0)
+    reference = jnp.maximum(jnp.maximum(_TINY, context.best_kernel), t.local_min_kernel)
+    kernel = jnp.clip(context.kernel / reference, 0.0, 1.0)
     support = t.local_hits_weight * hits + t.local_count_weight * count
     support = support + t.local_kernel_weight * kernel
     return jnp.where(counts, jnp.clip(support, 0.0, 1.0), 0.0)
@@ -124,10 +137,17 @@ def _local_support(context: Context, t: Rules) -> Float[Array, "O"]:
 
 def _global_support(context: Context, inside: Bool[Array, "O"], t: Rules) -> Float[Array, "O"]:
     """Support by the rank within the class, [0, 1]."""
-    s, c = context.standing, context.classes
     above = lambda value: jnp.clip(  # noqa: E731
         divide(value - t.neutral, jnp.maximum(_TINY, 1.0 - t.neutral)), 0.0, 1.0
     )
-    selective = t.selectivity_weight * above(s.hypothesis_relative) * (0.5 + 0.5 * c.selectivity)
-    support = t.pruned_weight * c.pruning + t.rank_weight * above(s.kernel_relative) + selective
-    return jnp.where(inside & (c.kept_count > 0), jnp.clip(support, 0.0, 1.0), 0.0)
+    selective = (
+        t.selectivity_weight
+        * above(context.hypothesis_relative)
+        * (0.5 + 0.5 * context.selectivity)
+    )
+    support = (
+        t.pruned_weight * context.pruning
+        + t.rank_weight * above(context.kernel_relative)
+        + selective
+    )
+    return jnp.where(inside & (context.kept_count > 0), jnp.clip(support, 0.0, 1.0), 0.0)

@@ -47,24 +47,6 @@ class LinkCounts:
     isolated: Bool[Array, "..."]  # some member has too few links
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Cohesion:
-    """How well sets hold together, any leading shape."""
-
-    density: Float[Array, "..."]  # [0, 1], 0 below two members
-    connection: Float[Array, "..."]  # [0, 1], factor of the score
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Trust:
-    """How well the members of sets are known, any leading shape."""
-
-    maturity: Float[Array, "..."]  # mean over the members, [0, 1)
-    reliability: Float[Array, "..."]  # [0, 1], factor of the score
-
-
 def empty_set(num_members: int, num_objects: int, scalar: jnp.dtype) -> MemberSet:
     """The set without members."""
     return MemberSet(
@@ -119,19 +101,13 @@ def tree_edges(path: Float[Array, "M M"]) -> Float[Array, "M"]:
     return jnp.max(jnp.where(earlier, path, 0.0), axis=0)
 
 
-def extend_tree(edges: Float[Array, "*#B M"], reach: Float[Array, "*#B M"]) -> Float[Array, "*B M"]:
-    """Links of the tree once a newcomer has entered.
-
-    The newcomer counts as the first of all, so that it adds nothing of its own, and for the others
-    as one more that is earlier.
-    """
-    return jnp.maximum(edges, reach)
-
-
 def rate_cohesion(
     size: Int[Array, "*B"], tree: Float[Array, "*B"], counts: LinkCounts, t: Sets
-) -> Cohesion:
-    """Density and connection of sets from their trees and links (method.md#member-sets)."""
+) -> tuple[Float[Array, "*B"], Float[Array, "*B"]]:
+    """Density and connection of sets from their trees and links (method.md#member-sets).
+
+    Both in [0, 1]; the density is 0 below two members, the connection a factor of the score.
+    """
     number, several = size.astype(tree.dtype), size >= 2
     pair_share = counts.pairs / jnp.maximum(number * (number - 1.0) / 2.0, 1.0)
     linked_share = counts.linked / jnp.maximum(number, 1.0)
@@ -140,18 +116,17 @@ def rate_cohesion(
     density = density * jnp.where(gated, _power(pair_share, t.density_power), 1.0)
     connection = _power(linked_share, t.linked_power) * _power(pair_share, t.pairs_power)
     connection = jnp.where(counts.isolated, 0.0, connection)
-    return Cohesion(
-        density=jnp.where(several, jnp.clip(density, 0.0, 1.0), 0.0),
-        connection=jnp.where(several & gated, connection, 1.0),
-    )
+    density = jnp.where(several, jnp.clip(density, 0.0, 1.0), 0.0)
+    return density, jnp.where(several & gated, connection, 1.0)
 
 
 def rate_trust(
     members: Bool[Array, "O *B"], size: Int[Array, "*B"], maturity: Float[Array, "O"], t: Sets
-) -> Trust:
+) -> tuple[Float[Array, "*B"], Float[Array, "*B"]]:
     """Mean maturity of sets and how reliable their members are (method.md#member-sets).
 
-    Reliability is a power of a power mean that leans toward the least mature member.
+    Reliability is a power of a power mean that leans toward the least mature member, [0, 1]; it is
+    a factor of the score.
     """
     floored = jnp.maximum(_FLOOR, maturity)
     geometric = jnp.abs(t.maturity_mean) <= _FLOOR
@@ -164,7 +139,7 @@ def rate_trust(
     coherence = jnp.where(geometric, jnp.exp(mean_power), coherence)
     coherence = jnp.where(size == 1, mean, jnp.clip(coherence, 0.0, 1.0))
     coherence = jnp.where(size > 0, coherence, 0.0)
-    return Trust(mean, jnp.where(t.maturity, _power(coherence, t.maturity_power), 1.0))
+    return mean, jnp.where(t.maturity, _power(coherence, t.maturity_power), 1.0)
 
 
 def _power(share: Float[Array, "*B"], exponent: Float[Array, ""]) -> Float[Array, "*B"]:

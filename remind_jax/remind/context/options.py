@@ -32,8 +32,8 @@ _DISTINCT = 1e-15
 class Menu:
     """The choices that a class offers to every set; `k` counts from 0 to `K`."""
 
-    pool_size: Int[Array, ""]  # objects
     num_detections: Int[Array, ""]
+    largest: Int[Array, ""]  # most objects that can be chosen
     allowed: Bool[Array, "C 2 2"]  # by detection variant and object variant
     info: Float[Array, "C"]  # (0, 1], low where many choices of k exist
 
@@ -54,22 +54,23 @@ class Options:
 def write_menu(
     pool_size: Int[Array, ""], num_detections: Int[Array, ""], most: int, static: Static, t: Sets
 ) -> Menu:
-    """The choices of one class.
+    """The choices of one class; nothing at all is one, unless every class must be explained.
 
     Args:
       most: K.
     """
+    count = jnp.arange(most + 1)
+    largest = jnp.minimum(num_detections, pool_size)
+    fits = (count <= largest) & ((count > 0) | t.partial)
+    considered = jnp.minimum(pool_size, jnp.maximum(count, static.switches.option_objects))
+    replaceable = (count > 0) & jnp.stack([num_detections > count, considered > count])
+    either = jnp.stack([jnp.ones_like(replaceable), replaceable], axis=-1)
     return Menu(
-        pool_size=pool_size,
         num_detections=num_detections,
-        allowed=_allowed(pool_size, num_detections, most, static, t),
+        largest=largest,
+        allowed=fits[:, None, None] & either[0][:, :, None] & either[1][:, None, :],
         info=_information(pool_size, most, static, t),
     )
-
-
-def largest_choice(menu: Menu) -> Int[Array, ""]:
-    """Most objects that can be chosen."""
-    return jnp.minimum(menu.num_detections, menu.pool_size)
 
 
 def support_by_kernel(
@@ -149,18 +150,6 @@ def list_options(
         exclusivity=exclusivity,
         exclusive=exclusive,
     )
-
-
-def _allowed(
-    pool_size: Int[Array, ""], num_detections: Int[Array, ""], most: int, static: Static, t: Sets
-) -> Bool[Array, "C 2 2"]:
-    """Choices that exist; nothing at all is one of them unless every class must be explained."""
-    count = jnp.arange(most + 1)
-    fits = (count <= jnp.minimum(num_detections, pool_size)) & ((count > 0) | t.partial)
-    considered = jnp.minimum(pool_size, jnp.maximum(count, static.switches.option_objects))
-    replaceable = (count > 0) & jnp.stack([num_detections > count, considered > count])
-    either = jnp.stack([jnp.ones_like(replaceable), replaceable], axis=-1)
-    return fits[:, None, None] & either[0][:, :, None] & either[1][:, None, :]
 
 
 def _information(

@@ -9,25 +9,37 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.rounding import divide, multiply
-from remind_jax.remind.context.member_sets import Cohesion, Trust
 from remind_jax.remind.context.options import Menu, Options
 from remind_jax.remind.thresholds.context import Sets
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Tally:
-    """What the choices that led to a set have summed up, any leading shape.
+class Rating:
+    """What is known of sets, any leading shape.
 
-    Rule: method.md#beam-search.
+    The later fields sum up the choices that led to a set (method.md#beam-search).
     """
 
+    score: Float[Array, "..."]  # [0, 1]
+    density: Float[Array, "..."]  # [0, 1]
+    maturity: Float[Array, "..."]  # mean over the members, [0, 1)
     info: Float[Array, "..."]  # product over the classes
     support_sum: Float[Array, "..."]  # weighted by the objects to be expected
     support_weight: Float[Array, "..."]
     stability_sum: Float[Array, "..."]  # over the classes
     exclusivity_sum: Float[Array, "..."]  # over the members
     exclusive: Bool[Array, "..."]  # some choice had a lead that says something
+
+    def pack(self) -> Float[Array, "... 9"]:
+        """All fields side by side: one array to write, and to pick from."""
+        return jnp.stack([leaf.astype(self.score.dtype) for leaf in jax.tree.leaves(self)], axis=-1)
+
+    @classmethod
+    def unpack(cls, packed: Float[Array, "... 9"]) -> Rating:
+        """The fields of what `pack` gives."""
+        *reals, exclusive = (packed[..., field] for field in range(packed.shape[-1]))
+        return cls(*reals, exclusive=exclusive > 0)
 
 
 @jax.tree_util.register_dataclass
@@ -40,21 +52,8 @@ class FrameScale:
     by_size: Float[Array, "4 S"]  # terms of sets of 0, 1, 2, ... members, of `rate_sizes`
 
 
-def empty_tally(scalar: jnp.dtype) -> Tally:
-    """The tally before any choice."""
-    nothing = jnp.zeros((), scalar)
-    return Tally(
-        info=jnp.ones((), scalar),
-        support_sum=nothing,
-        support_weight=nothing,
-        stability_sum=nothing,
-        exclusivity_sum=nothing,
-        exclusive=jnp.zeros((), bool),
-    )
-
-
-def tally_choices(tally: Tally, options: Options, menu: Menu) -> Tally:
-    """The tally of every set after every choice of objects `[W, K+1, 2]`.
+def tally_choices(rating: Rating, options: Options, menu: Menu) -> Rating:
+    """The sums of every set after every choice of objects `[W, K+1, 2]`; the rest is yet to rate.
 
     Rule: method.md#beam-search.
     """
@@ -63,13 +62,14 @@ def tally_choices(tally: Tally, options: Options, menu: Menu) -> Tally:
     some = (count > 0)[:, None]
     lead = multiply(count.astype(menu.info.dtype), options.exclusivity)
     support = jnp.clip(options.support, 0.0, 1.0)
-    grown = Tally(
-        info=row(tally.info) * menu.info[:, None],
-        support_sum=row(tally.support_sum) + multiply(row(options.target), support),
-        support_weight=row(tally.support_weight + options.target),
-        stability_sum=row(tally.stability_sum) + jnp.where(some, row(options.stability), 0.0),
-        exclusivity_sum=row(tally.exclusivity_sum) + lead[..., None],
-        exclusive=row(tally.exclusive) | options.exclusive[..., None],
+    grown = dataclasses.replace(
+        jax.tree.map(row, rating),
+        info=row(rating.info) * menu.info[:, None],
+        support_sum=row(rating.support_sum) + multiply(row(options.target), support),
+        support_weight=row(rating.support_weight + options.target),
+        stability_sum=row(rating.stability_sum) + jnp.where(some, row(options.stability), 0.0),
+        exclusivity_sum=row(rating.exclusivity_sum) + lead[..., None],
+        exclusive=row(rating.exclusive) | options.exclusive[..., None],
     )
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, support.shape), grown)
 
@@ -95,37 +95,32 @@ def rate_sizes(most: int, num_detections: Int[Array, ""], t: Sets) -> Float[Arra
 
 
 def score_sets(
-    size: Int[Array, "..."],
-    cohesion: Cohesion,
-    trust: Trust,
-    tally: Tally,
-    scale: FrameScale,
-    t: Sets,
+    size: Int[Array, "..."], rating: Rating, scale: FrameScale, t: Sets
 ) -> Float[Array, "..."]:
-    """Weighted mean of the terms, scaled by connection and reliability, in [0, 1]."""
-    once = jnp.maximum(size.astype(tally.info.dtype), 1.0)
+    """Weighted mean of the terms, in [0, 1]; to be scaled by connection and reliability."""
+    once = jnp.maximum(size.astype(rating.info.dtype), 1.0)
     classes = jnp.maximum(scale.num_classes, 1).astype(once.dtype)
     known = jnp.minimum(size, scale.by_size.shape[1] - 1)  # larger sets do not come about
     coverage, size_term, of_info, of_exclusivity = scale.by_size[:, known]
-    rated = tally.exclusive & t.exclusivity & (size >= t.exclusivity_min_size)
-    rated = rated & (trust.maturity >= t.exclusivity_min_maturity)
+    rated = rating.exclusive & t.exclusivity & (size >= t.exclusivity_min_size)
+    rated = rated & (rating.maturity >= t.exclusivity_min_maturity)
     terms = (  # summed in this order, as in the original
         (t.coverage_weight, coverage, True),
         (t.size_weight, size_term, True),
-        (t.info_weight * of_info, tally.info, True),
-        (t.density_weight, cohesion.density, size >= 2),
-        (t.support_weight, tally.support_sum / jnp.maximum(tally.support_weight, 1.0), True),
-        (t.stability_weight, divide(tally.stability_sum, classes), True),
-        (t.exclusivity_weight * of_exclusivity, tally.exclusivity_sum / once, rated),
+        (t.info_weight * of_info, rating.info, True),
+        (t.density_weight, rating.density, size >= 2),
+        (t.support_weight, rating.support_sum / jnp.maximum(rating.support_weight, 1.0), True),
+        (t.stability_weight, divide(rating.stability_sum, classes), True),
+        (t.exclusivity_weight * of_exclusivity, rating.exclusivity_sum / once, rated),
     )
-    total, weights = jnp.zeros_like(tally.info), jnp.zeros_like(tally.info)
+    total, weights = jnp.zeros_like(rating.info), jnp.zeros_like(rating.info)
     for weight, value, present in terms:
         weight = jnp.where(present, jnp.maximum(weight, 0.0), 0.0)
         total = total + multiply(weight, jnp.clip(value, 0.0, 1.0))
         weights = weights + weight
     counts = weights > 1e-12
     mean = jnp.where(counts, total / jnp.where(counts, weights, 1.0), 0.0)
-    return jnp.clip(jnp.clip(mean, 0.0, 1.0) * cohesion.connection * trust.reliability, 0.0, 1.0)
+    return jnp.clip(mean, 0.0, 1.0)
 
 
 def rate_coverage(

@@ -27,8 +27,8 @@ _TINY = 1e-12
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Standing:
-    """How the context sees each object within its class."""
+class Context:
+    """How the context sees each object, how decided its class is, and the frame as a whole."""
 
     kernel: Float[Array, "O"]  # mean conditional probability, given the kernel of the class
     hits: Int[Array, "O"]  # members of the kernel that speak for the object
@@ -36,16 +36,8 @@ class Standing:
     covered: Bool[Array, "O"]  # enough of the kernel speaks for it
     kernel_relative: Float[Array, "O"]  # against the best of the class, [0, 1]
     hypothesis_relative: Float[Array, "O"]  # [0, 1]
-    supported: Bool[Array, "O"]
     soft_supported: Bool[Array, "O"]
     shortlist: Bool[Array, "O"]  # member of a hypothesis close to the best
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class ClassSummary:
-    """How decided each class is, on each of its objects."""
-
     kept_count: Int[Array, "O"]  # supported objects of the class
     pruning: Float[Array, "O"]  # share of the class that is not supported, [0, 1]
     strength: Float[Array, "O"]  # [0, 1]
@@ -53,15 +45,6 @@ class ClassSummary:
     best_kernel: Float[Array, "O"]  # largest absolute support by the kernel
     best_relative: Float[Array, "O"]  # largest relative support of a covered object
     soft_cut: Float[Array, "O"]  # mixed support from which objects are softly supported
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Context:
-    """The summary of a frame."""
-
-    standing: Standing
-    classes: ClassSummary
     quality: Float[Array, ""]  # [0, 1]
     global_ok: Bool[Array, ""]  # good enough to reward and to punish
 
@@ -120,31 +103,30 @@ def summarize(
     kept, size = jnp.sum(same & jnp.stack([supported, exists])[:, None], axis=2, dtype=jnp.int32)
     size = jnp.maximum(size, 1).astype(scalar)
     lead = (best_relative - second) / jnp.maximum(_TINY, best_relative)
-    classes = ClassSummary(
-        kept_count=kept,
-        pruning=jnp.where(exists, jnp.clip(1.0 - divide(kept.astype(scalar), size), 0.0, 1.0), 0.0),
-        strength=jnp.clip(best_strength, 0.0, 1.0),
-        selectivity=jnp.where(best_relative > 0.0, jnp.clip(lead, 0.0, 1.0), 0.0),
-        best_kernel=best_kernel,
-        best_relative=best_relative,
-        soft_cut=soft_cut,
-    )
-    standing = Standing(
+    pruning = jnp.where(exists, jnp.clip(1.0 - divide(kept.astype(scalar), size), 0.0, 1.0), 0.0)
+    quality = _rate_quality(hypotheses, kept, pruning, same, exists, t)
+    best = jax.tree.map(lambda leaf: leaf[0], hypotheses)
+    global_ok = best.valid & (best.size >= t.min_size) & (best.score >= t.min_best_score)
+    global_ok = global_ok & (best.coverage >= t.min_coverage) & (quality >= t.min_quality)
+    return Context(
         kernel=kernel,
         hits=hits,
         hit_share=share,
         covered=covered,
         kernel_relative=kernel_relative,
         hypothesis_relative=hypothesis_relative,
-        supported=supported,
         soft_supported=covered & (mixed > 0.0) & (mixed >= soft_cut),
         shortlist=jnp.any(hypotheses.members & close[:, None], axis=0) & exists,
+        kept_count=kept,
+        pruning=pruning,
+        strength=jnp.clip(best_strength, 0.0, 1.0),
+        selectivity=jnp.where(best_relative > 0.0, jnp.clip(lead, 0.0, 1.0), 0.0),
+        best_kernel=best_kernel,
+        best_relative=best_relative,
+        soft_cut=soft_cut,
+        quality=quality,
+        global_ok=global_ok,
     )
-    quality = _rate_quality(hypotheses, classes, same, exists, t)
-    best = jax.tree.map(lambda leaf: leaf[0], hypotheses)
-    global_ok = best.valid & (best.size >= t.min_size) & (best.score >= t.min_best_score)
-    global_ok = global_ok & (best.coverage >= t.min_coverage) & (quality >= t.min_quality)
-    return Context(standing, classes, quality, global_ok)
 
 
 def find_kernels(
@@ -175,7 +157,8 @@ def find_kernels(
 
 def _rate_quality(
     hypotheses: Hypotheses,
-    classes: ClassSummary,
+    kept_count: Int[Array, "O"],
+    pruning: Float[Array, "O"],
     same: Bool[Array, "O O"],
     exists: Bool[Array, "O"],
     t: Influence,
@@ -183,9 +166,9 @@ def _rate_quality(
     """How far the context can be trusted, [0, 1] (method.md#context-quality)."""
     slot = jnp.arange(exists.shape[0])
     first = exists & ~jnp.any(same & (slot[None] < slot[:, None]), axis=1)
-    decided = first & (classes.kept_count > 0)
-    num_decided = jnp.maximum(jnp.sum(decided, dtype=jnp.int32), 1).astype(classes.pruning.dtype)
-    pruning = jnp.sum(jnp.where(decided, classes.pruning, 0.0)) / num_decided
+    decided = first & (kept_count > 0)
+    num_decided = jnp.maximum(jnp.sum(decided, dtype=jnp.int32), 1).astype(pruning.dtype)
+    pruning = jnp.sum(jnp.where(decided, pruning, 0.0)) / num_decided
     best = jax.tree.map(lambda leaf: leaf[0], hypotheses)
     extra = jnp.maximum(0, best.size - 1).astype(pruning.dtype)
     terms = (

@@ -17,7 +17,8 @@ from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.influence import Influence
-from remind_jax.remind.memory.cooccurrence import neighbor_rank, ranked_neighbors
+from remind_jax.remind.memory.cooccurrence import rank_neighbors, ranked_neighbors
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.context import Veto as Rules
 from remind_jax.static import Static
 
@@ -38,19 +39,15 @@ def veto_pairs(
     view: FrameView,
     candidate: Bool[Array, "N O"],
     score: Float[Array, "N O"],
-    visual_gate: Float[Array, ""],
-    min_link: Float[Array, ""],
     static: Static,
-    t: Rules,
+    thresholds: Thresholds,
 ) -> Int[Array, "N O"]:
-    """Rules pairs out, by code of `Veto`.
-
-    Args:
-      min_link: Least conditional probability of an expected neighbor.
-    """
+    """Rules pairs out, by code of `Veto`."""
+    t, matching = thresholds.veto, thresholds.matching
     open_to = t.enabled & influence.enabled & influence.has_pack
     open_to = open_to & ~(influence.soft_supported | influence.shortlist | influence.compat_band)
-    expected = expect_neighbors(view, min_link, static, t)
+    expected = expect_neighbors(view, thresholds.sets.min_link, static, t)
+    visual_gate = jnp.maximum(matching.match, matching.min_visual)
     seen = plausibly_in_view(candidate, score, visual_gate)
     local = _contradicts_neighbors(influence.quality, expected, seen, view.graph.episodes, t)
     outside = (influence.compat_rel <= t.max_support) & (influence.score_sets <= t.max_score)
@@ -70,13 +67,14 @@ def expect_neighbors(
 
     The closest and latest first, until the list is full, or long enough and likely to contain
     something that is in view.
+
+    Args:
+      min_link: Least conditional probability of an expected neighbor.
     """
     graph = view.graph
     slots = graph.episodes.shape[0]
     length = min(static.switches.max_neighbours or slots, slots)
-    neighbor = graph.count > 0
-    keys = (graph.weight, graph.edge_time)
-    order, known = ranked_neighbors(neighbor_rank(neighbor, keys, graph.edge_order), length)
+    order, known = ranked_neighbors(rank_neighbors(graph, "weight"), length)
     link = jnp.take_along_axis(view.conditional, order, axis=1)
     taken = known & (link >= min_link)
     place = np.arange(length)

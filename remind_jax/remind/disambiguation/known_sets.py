@@ -56,12 +56,10 @@ class GroupOutcome:
 
     status: Int[Array, "N"]  # GroupStatus
     num_detections: Int[Array, "N"]
-    num_candidates: Int[Array, "N"]  # virtual ones included
     num_anchors: Int[Array, "N"]  # an object that counts twice is counted twice
     numbers: Float[Array, "N 6"]  # joint_assignments.NUMBERS
     anchor: Int[Array, "N A"]  # objects whose distances voted, -1 padding
     anchor_place: Int[Array, "N A"]  # detection whose geometry each of them has
-    anchor_quality: Float[Array, "N A"]  # how well each separates the group
 
 
 @jax.tree_util.register_dataclass
@@ -103,7 +101,9 @@ def settle_known_sets(
         detections have the same object: the later match lends the object its place.
       candidate: Pairs that were compared at all; the others score 0.
     """
-    scalar = pairs.score_known.dtype
+    num, scalar = matched_slot.shape[0], pairs.score_known.dtype
+    nothing = _no_outcome(num, static, scalar)
+    nobody = jnp.full(num, NO_SLOT, jnp.int32)
 
     def solve() -> Settled:
         edge_table = tabulate_edges(graph.edges, t)
@@ -128,39 +128,39 @@ def settle_known_sets(
                 root, group, *solved, voters, known_score, relations, edge_table, graph, static, t
             )
 
-        start = jnp.full(matched_slot.shape, NO_SLOT, jnp.int32), _unsolved(groups, static, scalar)
+        start = nobody, _unsolved(groups, nothing)
         proposed, outcome = jax.lax.fori_loop(0, order[-1], solve_next, start)
         return _conclude(proposed, outcome, undecided, groups, known_score, object_exists)
 
     def skip() -> Settled:
-        return _untouched(undecided, static, scalar)
+        none = jnp.zeros(num, jnp.int32)
+        return Settled(
+            nobody, jnp.zeros(num, scalar), none, undecided.present, nobody, nobody, nothing
+        )
 
     return branch(t.enabled & jnp.any(undecided.present), solve, skip)
 
 
-def _unsolved(groups: Groups, static: Static, scalar: jnp.dtype) -> GroupOutcome:
-    """Groups before any is solved; those that cannot be solved have their status already."""
-    num = groups.root.shape[0]
-    status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
-    status = jnp.where(groups.num_detections > 0, status, GroupStatus.NONE).astype(jnp.int32)
-    numbers = jnp.zeros((num, len(NUMBERS)), scalar)
-    return _no_anchors(status, groups.num_detections, groups.num_candidates, numbers, static)
-
-
-def _no_anchors(
-    status: Int[Array, "N"],
-    num_detections: Int[Array, "N"],
-    num_candidates: Int[Array, "N"],
-    numbers: Float[Array, "N 6"],
-    static: Static,
-) -> GroupOutcome:
-    """Groups that were not scored."""
-    room = (status.shape[0], max(FEWEST_ANCHORS, static.switches.group_anchors))
+def _no_outcome(num: int, static: Static, scalar: jnp.dtype) -> GroupOutcome:
+    """No group at all."""
+    none = jnp.zeros(num, jnp.int32)
+    room = (num, max(FEWEST_ANCHORS, static.switches.group_anchors))
     nobody = jnp.full(room, NO_SLOT, jnp.int32)
     return GroupOutcome(
-        status, num_detections, num_candidates, jnp.zeros_like(status), numbers,
-        nobody, nobody, jnp.zeros(room, numbers.dtype),
-    )  # fmt: skip
+        status=none,
+        num_detections=none,
+        num_anchors=none,
+        numbers=jnp.zeros((num, len(NUMBERS)), scalar),
+        anchor=nobody,
+        anchor_place=nobody,
+    )
+
+
+def _unsolved(groups: Groups, nothing: GroupOutcome) -> GroupOutcome:
+    """Groups before any is solved; those that cannot be solved have their status already."""
+    status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
+    status = jnp.where(groups.num_detections > 0, status, GroupStatus.NONE).astype(jnp.int32)
+    return dataclasses.replace(nothing, status=status, num_detections=groups.num_detections)
 
 
 def _solve_group(
@@ -202,7 +202,6 @@ def _solve_group(
         "numbers": best.numbers,
         "anchor": jnp.where(votes, voters.slot[anchors.voter], NO_SLOT),
         "anchor_place": jnp.where(votes, anchors.place, NO_SLOT),
-        "anchor_quality": jnp.where(votes, anchors.quality, 0.0),
     }
     written = {
         name: jnp.where(is_root.reshape(num, *(1,) * value.ndim), value, getattr(outcome, name))
@@ -261,14 +260,6 @@ def _conclude(
         proposed=proposed,
         groups=outcome,
     )
-
-
-def _untouched(undecided: Undecided, static: Static, scalar: jnp.dtype) -> Settled:
-    """The answer where there is nothing to settle."""
-    num = undecided.present.shape[0]
-    none, zero = jnp.full(num, NO_SLOT, jnp.int32), jnp.zeros(num, jnp.int32)
-    nothing = _no_anchors(zero, zero, zero, jnp.zeros((num, len(NUMBERS)), scalar), static)
-    return Settled(none, jnp.zeros(num, scalar), zero, undecided.present, none, none, nothing)
 
 
 def extract_group(

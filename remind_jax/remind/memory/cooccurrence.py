@@ -11,17 +11,17 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Num
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.ranks import largest, rank_rising
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.numerics.set_order import copied_size, iteration_rank
@@ -239,7 +239,8 @@ def _trim(graph: CooccurrenceGraph, sightings: Sightings, static: Static) -> Coo
 
     def trim() -> tuple[Array, Array]:
         seen = jax.tree.map(lambda leaf: leaf[jnp.minimum(sightings.row, slots - 1)], graph)
-        rank = rank_edges(seen, static)[jnp.minimum(sightings.detection, num - 1)]
+        rank = rank_neighbors(seen, static.switches.neighbour_trim)
+        rank = rank[jnp.minimum(sightings.detection, num - 1)]
         dropped = full[:, None] & (rank >= most)
         order = jnp.where(full[:, None], rank, graph.edge_order)
         return jnp.where(dropped, 0, graph.count), order
@@ -249,38 +250,15 @@ def _trim(graph: CooccurrenceGraph, sightings: Sightings, static: Static) -> Coo
     return dataclasses.replace(graph, count=count, edge_order=order)
 
 
-def rank_edges(graph: CooccurrenceGraph, static: Static) -> Int[Array, "R O"]:
-    """Position of every neighbor by the rule that trims the lists (method.md#neighbor-order)."""
-    keys = {"weight": (graph.weight, graph.edge_time), "recent": (graph.edge_time,)}
-    return neighbor_rank(graph.count > 0, keys[static.switches.neighbour_trim], graph.edge_order)
-
-
-def neighbor_rank(
-    known: Bool[Array, "R O"],
-    falling: Sequence[Num[Array, "R O"]],
-    order: Int[Array, "R O"],
-) -> Int[Array, "R O"]:
-    """Position of every neighbor, the strongest first; O where there is no edge.
+def rank_neighbors(graph: CooccurrenceGraph, by: Literal["weight", "recent"]) -> Int[Array, "R O"]:
+    """Position of every neighbor, the strongest or latest first; O where there is no edge.
 
     Rule: method.md#neighbor-order.
-
-    Counting the edges before each edge is quicker than sorting the rows.
-
-    Args:
-      falling: Sort keys, the first decides first; the larger comes first.
-      order: Last sort key; the smaller comes first.
     """
-
-    def pairs(leaf: Array) -> tuple[Array, Array]:
-        return leaf[:, :, None], leaf[:, None, :]
-
-    earlier, tie = False, True
-    for key in falling:
-        one, other = pairs(key)
-        earlier, tie = earlier | (tie & (one > other)), tie & (one == other)
-    one, other = pairs(order)
-    before = known[:, :, None] & (earlier | (tie & (one < other)))
-    return jnp.where(known, jnp.sum(before, axis=1, dtype=jnp.int32), known.shape[1])
+    known = graph.count > 0
+    keys = {"weight": (-graph.weight, -graph.edge_time), "recent": (-graph.edge_time,)}
+    rank = rank_rising([~known, *keys[by], graph.edge_order])
+    return jnp.where(known, rank, known.shape[1])
 
 
 def ranked_neighbors(

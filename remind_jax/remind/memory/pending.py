@@ -120,8 +120,9 @@ def join_tracks(
     group = jnp.where(waiting, 2 * items.class_id + items.kind, -1)
     nothing = jnp.zeros(len(group), affinity.dtype)
 
-    # Equal sums fall by the order of the tracks: that of their creation.
-    age = jnp.argsort(_creation_order(tracks), stable=True).astype(jnp.int32)
+    # Equal sums fall by the order of the tracks: that of their creation, free slots last.
+    created = jnp.where(tracks.kind == Kind.FREE, jnp.iinfo(jnp.int32).max, tracks.id)
+    age = jnp.argsort(created, stable=True).astype(jnp.int32)
 
     def solve() -> Int[Array, "N"]:
         pairs = (affinity[:, age], valid[:, age], group, nothing, jnp.zeros((), bool))
@@ -168,11 +169,6 @@ def _affinity(
     enough = total >= jnp.where(ambiguous, r.ambiguous_min_total, r.provisional_min_total)
     switched = jnp.where(ambiguous, r.ambiguous_matching, r.provisional_matching)
     return total, same & names_fit & looks_fit & enough & switched, same
-
-
-def _creation_order(tracks: PendingTracks) -> Int[Array, "P"]:
-    """Rises with the creation of tracks of one kind; free slots are last."""
-    return jnp.where(tracks.kind == Kind.FREE, jnp.iinfo(jnp.int32).max, tracks.id)
 
 
 def dice(

@@ -38,7 +38,7 @@ def cluster_parts(
     """
     t = thresholds
     norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
-    labels = kmeans(
+    labels, _ = kmeans(
         features / norm,
         members & t.parts_enabled,
         clusters=static.switches.part_clusters,
@@ -198,15 +198,8 @@ def find_attention_parts(
     mean, present = pool_regions(
         features, weights, inside, static.switches.attention_mean, t.trim_keep, t.trim_min_patches
     )
-    valid = exists & present
-    support = jnp.where(valid, jnp.sum(weights, axis=-1), 0.0)
-    order = jnp.argsort(~valid, axis=-1, stable=True)
-    vectors = jnp.where(valid[..., None], unit(mean), 0.0)
-    return (
-        jnp.take_along_axis(vectors, order[..., None], axis=1),
-        jnp.take_along_axis(valid, order, axis=1),
-        jnp.take_along_axis(support, order, axis=1),
-    )
+    valid, support = exists & present, jnp.sum(weights, axis=-1)
+    return _compact(unit(mean), valid, support)
 
 
 def _choose_seeds(

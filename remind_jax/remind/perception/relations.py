@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.observation import MaskRelations, Masks
+from remind_jax.observation import Masks
 from remind_jax.remind.thresholds.relations import Relations as Rules
 
 _TINY = 1e-6
@@ -50,14 +50,12 @@ class Relations:
         return jnp.where(self.gap_valid, self.gap, self.center_distance)
 
 
-def observe_relations(masks: Masks, mask_relations: MaskRelations, t: Rules) -> Relations:
+def observe_relations(masks: Masks, t: Rules) -> Relations:
     """Relates every two detections of a frame.
 
-    Args:
-      mask_relations: Exact gaps of the close pairs; a close pair without one is judged by its
-        boxes, at lower quality.
+    A close pair without an exact gap is judged by its boxes, at lower quality.
     """
-    scalar = t.scale_min_px.dtype
+    scalar, mask_relations = t.scale_min_px.dtype, masks.relations
     box, center = jnp.asarray(masks.box, scalar), jnp.asarray(masks.center, scalar)
     area = jnp.asarray(masks.area, scalar)
     side = jnp.sqrt(area)

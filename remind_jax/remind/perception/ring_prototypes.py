@@ -8,14 +8,16 @@ kept, `D` dimensions.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pooling import TINY, dot
+from remind_jax.numerics.reductions import connect
 from remind_jax.numerics.rounding import unit
 from remind_jax.observation import RingPatches
 from remind_jax.remind.thresholds.perception import RingPrototypes
-from remind_jax.solvers.clustering import kmeans_with_centers
+from remind_jax.solvers.clustering import kmeans
 from remind_jax.static import Static
 
 _ROUNDING = 5e-7  # of float32 inner products of unit vectors
@@ -60,7 +62,7 @@ def _describe_ring(
     """Prototypes of one ring of every detection."""
     clusters = max(static.switches.ring_clusters)
     wanted = _count_clusters(jnp.sum(members, axis=1), static, t)
-    labels, centers = kmeans_with_centers(
+    labels, centers = kmeans(
         points,
         members,
         wanted,
@@ -85,7 +87,9 @@ def _describe_ring(
     size, mass = (
         jnp.einsum("ngk,nk->ng", region, leaf, precision="highest") for leaf in (sizes, masses)
     )
-    sums, heavy = (_sum_regions(region, leaf) for leaf in (sums, heavy))
+    sums, heavy = (
+        jnp.einsum("ngk,nkd->ngd", region, leaf, precision="highest") for leaf in (sums, heavy)
+    )
 
     weighs = (mass > TINY)[..., None]
     center = jnp.where(
@@ -131,21 +135,11 @@ def _join_alike(
 
     Clusters are in one region if a chain of similar ones leads from one to the other.
     """
-    num = exists.shape[1]
     direction = unit(centers)
     cosine = dot(direction, direction).astype(joined.dtype)
     both = exists[:, :, None] & exists[:, None]
-    reach = ((cosine > joined) & both) | jnp.eye(num, dtype=bool)
-    for _ in range(max(1, (num - 1).bit_length())):  # doubles the length of the chains
-        steps = reach.astype(jnp.float32)
-        reach = jnp.einsum("nij,njk->nik", steps, steps) > 0
+    reach = jax.vmap(connect)((cosine > joined) & both)
     return jnp.argmax(reach, axis=2).astype(jnp.int32)
-
-
-def _sum_regions(
-    region: Float[Array, "N K K"], sums: Float[Array, "N K D"]
-) -> Float[Array, "N K D"]:
-    return jnp.einsum("ngk,nkd->ngd", region, sums, precision="highest")
 
 
 def _choose_regions(

@@ -21,25 +21,23 @@ from remind_jax.remind.undecided.temporal import (
 )
 
 
-def find_ambiguous(
-    table: PairTable, slot: Int[Array, "N"], creates: Bool[Array, "N"], t: Ambiguous
-) -> Undecided:
+def find_ambiguous(table: PairTable, slot: Int[Array, "N"], creates: Bool[Array, "N"]) -> Undecided:
     """Finds detections, matched or not, whose candidates are too close to tell apart.
 
     Args:
       slot: Matched object of each detection, -1 none.
     """
-    width = table.plausible.shape[1]
+    t, width = table.rules.ambiguous, table.plausible.shape[1]
     matched = slot >= 0
     mine = slot[:, None] == jnp.arange(width)
     held = jnp.any(mine, axis=0)
-    status, _, _ = _judge(table.temporal[PLAUSIBLE], table.plausible, t)
+    status, _, _ = judge(table.temporal[PLAUSIBLE], table.plausible, t)
     admitted = admit_by_status(status, t.override_strong, t.override_ambiguous, t.override_weak)
     may_override = ~matched | (t.override_match & admitted)
 
     members = _open_candidates(table, mine, held, matched)
     score = temporal_score(table, members)
-    supported = members & table.context.supported[None]
+    supported = members & table.reasoning.supported[None]
     rivals = supported & ~mine
     sets = jnp.stack([members, supported, rivals, mine & members, mine & supported])
     num_members, num_supported, num_rivals, is_mine, mine_supported = jnp.sum(sets, axis=2)
@@ -61,7 +59,7 @@ def find_ambiguous(
 
     at_once = _conflict_entries(mine, close, best[2, :, :2], score)
     focus_score = temporal_score(table, focus)
-    _, near, top = _judge(focus_score, focus, t)
+    _, near, top = judge(focus_score, focus, t)
     slots, scores = rank(focus_score, near)
     count = jnp.sum(near, axis=1)
     backed = (num_supported >= 1) | tied | ~t.require_context
@@ -85,12 +83,6 @@ def find_ambiguous(
         best=jnp.where(conflict, at_once.best, top),
         reason=jnp.where(matched, by_match, alone).astype(jnp.int32),
     )
-
-
-def _judge(
-    score: Float[Array, "N O"], members: Bool[Array, "N O"], t: Ambiguous
-) -> tuple[Int[Array, "N"], Bool[Array, "N O"], Float[Array, "N"]]:
-    return judge(score, members, t.min_top, t.min_candidate, t.gap, t.relative_gap, t.gap_slack)
 
 
 def _open_candidates(

@@ -5,9 +5,6 @@ Rules: method.md#competition, method.md#one-detection-each.
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -17,7 +14,6 @@ from remind_jax.numerics.ranks import largest
 from remind_jax.numerics.reductions import pick_in_rows, reduce_together
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.memory.objects import Lifecycle, Objects
-from remind_jax.remind.thresholds.outcome import Competition
 from remind_jax.remind.undecided.provisional_commit import reserve_ids
 from remind_jax.remind.undecided.temporal import SUPPORTED, PairTable, rank, temporal_score
 
@@ -53,25 +49,20 @@ def withdraw_second_claims(
     )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Rivalry:
-    """Competitions of a frame, and what they found (method.md#provisional-commit)."""
-
-    entries: Undecided
-    reserved_id: Int[Array, "N"]  # id of the object that a detection founds, -1 none
-
-
 def find_competitions(
     table: PairTable,
     objects: Objects,
     slot: Int[Array, "N"],
     creates: Bool[Array, "N"],
     next_id: Int[Array, ""],
-    t: Competition,
-) -> Rivalry:
-    """Finds new detections that score nearly as a matched detection does on its object."""
-    num, width = table.pairs.eligible.shape
+) -> tuple[Undecided, Int[Array, "N"]]:
+    """Finds new detections that score nearly as a matched detection does on its object.
+
+    Returns:
+      The entries, and the id of the object that a detection founds, -1 none
+      (method.md#provisional-commit).
+    """
+    (num, width), t = table.pairs.eligible.shape, table.rules.competition
     known = table.pairs.score_known
     holds = slot[:, None] == jnp.arange(width)
     held = jnp.any(holds, axis=0)
@@ -124,4 +115,4 @@ def find_competitions(
         best=score,
         reason=jnp.full(num, Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION, jnp.int32),
     )
-    return Rivalry(entries, reserve_ids(seed, parent, creates, next_id))
+    return entries, reserve_ids(seed, parent, creates, next_id)

@@ -12,10 +12,9 @@ from remind_jax.decision import Reason, Status
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.ranks import rank_rising
 from remind_jax.numerics.reductions import reduce_together
-from remind_jax.remind.association.diagnosis import admit_by_status, top_two
+from remind_jax.remind.association.diagnosis import admit_by_status, rank_two
 from remind_jax.remind.disambiguation.groups import Undecided
-from remind_jax.remind.thresholds.association import Diagnosis, Matching
-from remind_jax.remind.thresholds.outcome import Provisional
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.temporal import (
     CANDIDATES,
     PLAUSIBLE,
@@ -56,16 +55,9 @@ def no_doubts(entries: Undecided) -> Doubts:
     )
 
 
-def question_births(
-    table: PairTable,
-    creates: Bool[Array, "N"],
-    held: Bool[Array, "O"],
-    max_candidates: Int[Array, ""],
-    t: Provisional,
-    matching: Matching,
-    diagnosis: Diagnosis,
-) -> Doubts:
+def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Array, "O"]) -> Doubts:
     """Asks of every detection that would found an object whether it could be a known one."""
+    t, rules = table.rules.provisional, table.rules
     candidate, plausible = table.comparison.candidate, table.plausible
     visual = table.comparison.score
     supported = table.supported
@@ -74,21 +66,16 @@ def question_births(
         jnp.stack([supported, plausible, candidate]), axis=2
     )
     some = num_supported > 0
-    status, _, _ = judge(
-        score, jnp.where((num_supported >= 2)[:, None], supported, plausible), t.min_top,
-        t.min_candidate, t.gap, t.relative_gap, t.gap_slack,
-    )  # fmt: skip
+    status, _, _ = judge(score, jnp.where((num_supported >= 2)[:, None], supported, plausible), t)
     # The best of all sets of candidates that a detection may be compared within.
-    slots, tops, seconds = top_two(
+    slots, tops, seconds, _ = rank_two(
         jnp.stack([score, score, raw_score, visual, visual]),
         jnp.stack([supported, plausible, candidate, plausible, candidate]),
     )
     first, first_score, raw_top = slots[0], tops[0], slots[2]
     hint, hint_score = slots[4], tops[4]
     blocked_ok = some & held[first] & (first_score >= t.min_top)
-    near_miss = _is_near_miss(
-        visual, plausible, candidate, tops[3:], seconds[3:], t, matching, diagnosis
-    )
+    near_miss = _is_near_miss(visual, plausible, candidate, tops[3:], seconds[3:], rules)
     near_miss = near_miss & (~t.visual_single_only | (num_candidates == 1))
     near_miss = near_miss & t.visual_fallback & (~some | ~t.visual_only_without_context)
     admitted = admit_by_status(status, t.from_strong, t.from_ambiguous, t.from_weak)
@@ -109,9 +96,7 @@ def question_births(
     hinted = lacks & ~blocked_ok & near_miss
     known, known_score = _fill(known, known_score, hinted, hint, hint_score)
     by_hint = hinted  # the visual hint alone speaks for it
-    known, known_score = _promote(
-        known, known_score, score, supported, held, t, matching.min_visual
-    )
+    known, known_score = _promote(known, known_score, score, supported, held, rules)
 
     blocked = (known != NO_SLOT) & held[jnp.maximum(known, 0)]
     count, num_blocked = reduce_together(("sum", known != NO_SLOT), ("sum", blocked), axis=1)
@@ -128,7 +113,8 @@ def question_births(
     reason = jnp.where(count > 0, Reason.UNCERTAIN_NEW_WITH_KNOWN_CONTEXT, Reason.UNCERTAIN_NEW)
     reason = jnp.where(some_blocked, Reason.UNCERTAIN_KNOWN_BLOCKED, reason)
     reason = jnp.where(is_parent, Reason.UNCERTAIN_PARENT, reason)
-    ambiguous = _as_entries(known, known_score, blocked, is_ambiguous, best, max_candidates)
+    most = rules.ambiguous.max_candidates
+    ambiguous = _as_entries(known, known_score, blocked, is_ambiguous, best, most)
     return Doubts(
         ambiguous=ambiguous,
         present=is_provisional,
@@ -146,20 +132,19 @@ def _is_near_miss(
     candidate: Bool[Array, "N O"],
     tops: Float[Array, "2 N"],
     seconds: Float[Array, "2 N"],
-    t: Provisional,
-    matching: Matching,
-    diagnosis: Diagnosis,
+    rules: Thresholds,
 ) -> Bool[Array, "N"]:
     """A clear visual winner that just missed the match threshold (method.md#near-miss).
 
     `tops` and `seconds` are the two best visual scores of plausible ones and of all candidates.
     """
+    t, match = rules.provisional, rules.matching.match
     some = tops[0] > 0
     top, second = jnp.where(some, tops[0], tops[1]), jnp.where(some, seconds[0], seconds[1])
     among = jnp.where(some[:, None], plausible, candidate)
-    near = among & (visual >= (top - jnp.maximum(0.0, diagnosis.close))[:, None])
-    lack = matching.match - top
-    ok = (top >= t.visual_min_score) & (matching.match > 0)
+    near = among & (visual >= (top - jnp.maximum(0.0, rules.diagnosis.close))[:, None])
+    lack = match - top
+    ok = (top >= t.visual_min_score) & (match > 0)
     ok = ok & (lack >= 0) & (lack <= t.visual_margin) & (top - second >= t.visual_min_gap)
     return ok & (jnp.sum(near, axis=1) <= t.visual_max_close)
 
@@ -183,13 +168,13 @@ def _promote(
     score: Float[Array, "N O"],
     supported: Bool[Array, "N O"],
     held: Bool[Array, "O"],
-    t: Provisional,
-    min_visual: Float[Array, ""],
+    rules: Thresholds,
 ) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
     """Beside a lone support that is taken, names further supported objects.
 
     Rule: method.md#provisional.
     """
+    t, min_visual = rules.provisional, rules.matching.min_visual
     named = known != NO_SLOT
     count, taken = reduce_together(
         ("sum", named), ("any", named & held[jnp.maximum(known, 0)]), axis=1

@@ -16,12 +16,11 @@ from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.disambiguation.groups import Undecided
-from remind_jax.remind.disambiguation.known_sets import GroupOutcome, settle_known_sets
+from remind_jax.remind.disambiguation.known_sets import Settled, settle_known_sets
 from remind_jax.remind.memory.distances import DistanceGraph
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import MatchOrigin
 from remind_jax.remind.state import TrackerState
-from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.ambiguity import find_ambiguous
 from remind_jax.remind.undecided.competition import find_competitions, withdraw_second_claims
 from remind_jax.remind.undecided.provisional import Doubts, no_doubts, question_births
@@ -32,30 +31,19 @@ from remind_jax.static import Static
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Round:
-    """The question and the answer of one pass of the reconciliation."""
-
-    entries: Undecided  # undecided at its start
-    root: Int[Array, "N"]  # first detection of the closed group of each entry, -1 none
-    proposed: Int[Array, "N"]  # candidate in the best assignment of that group, -1 if not scored
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class Settlement:
     """The verdict on every detection; ambiguous and provisional outrank matched and new."""
 
     slot: Int[Array, "N"]  # matched object, -1 none
     score: Float[Array, "N"]  # of the match
     source: Int[Array, "N"]  # stages.MatchOrigin of the match
-    guarded: Int[Array, "N"]  # matched object after the guard of look-alikes
     creates: Bool[Array, "N"]  # founds an object unless it is ambiguous or provisional
     ambiguous: Undecided
     doubts: Doubts
     reserved_id: Int[Array, "N"]  # id of the object that an ambiguous detection founds, -1 none
-    groups: GroupOutcome  # what became of closed groups, leading axis: passes
-    rounds: Round  # what each pass was asked and proposed, leading axis: passes
-    stabilized: Stabilized  # what the guard of look-alikes saw
+    asked: Undecided  # undecided at the start of each pass, leading axis: passes
+    answers: Settled  # what the layout made of them, likewise
+    stabilized: Stabilized  # what the guard of look-alikes saw, and the matches that it left
 
 
 def settle(
@@ -65,19 +53,17 @@ def settle(
     descriptors: Descriptors,
     relations: Relations,
     static: Static,
-    t: Thresholds,
 ) -> Settlement:
     """Withdraws what is too close to call, lets layout decide, and asks again of what is new."""
-    objects, next_id = state.objects, state.next_id
-    exists = objects.exists  # looked up here, not in every pass
-    stable = stabilize(table, assignment.slot, t.stability)
+    exists = state.objects.exists  # looked up here, not in every pass
+    stable = stabilize(table, assignment.slot)
     slot = stable.slot
     creates = descriptors.valid & (slot < 0)
-    doubtful = doubt_entries(table, stable, t.matching.min_visual, t.ambiguous.max_candidates)
+    doubtful = doubt_entries(table, stable)
     creates = creates & ~doubtful.present
-    rivalry = find_competitions(table, objects, slot, creates, next_id, t.competition)
-    policy = find_ambiguous(table, slot, creates, t.ambiguous)
-    entries = prefer(rivalry.entries, prefer(doubtful, policy))
+    rivals, reserved_id = find_competitions(table, state.objects, slot, creates, state.next_id)
+    policy = find_ambiguous(table, slot, creates)
+    entries = prefer(rivals, prefer(doubtful, policy))
 
     (score,) = pick_in_rows(slot, table.pairs.score_final)
     open_ = _Open(
@@ -90,17 +76,17 @@ def settle(
         doubts=no_doubts(entries),
     )
 
-    def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[GroupOutcome, Round]]:
+    def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[Undecided, Settled]]:
         return _reconcile(
-            open_, turn, table, exists, state.distances, descriptors, relations, static, t
+            open_, turn, table, exists, state.distances, descriptors, relations, static
         )
 
     turns = jnp.arange(static.switches.max_passes, dtype=jnp.int32)
-    open_, (groups, rounds) = jax.lax.scan(reconcile, open_, turns)
+    open_, (asked, answers) = jax.lax.scan(reconcile, open_, turns)
     undecided = open_.entries.present | open_.doubts.present
     second = withdraw_second_claims(
         table, jnp.where(undecided, NO_SLOT, open_.slot), open_.score,
-        t.matching.one_detection_each, t.ambiguous.max_candidates,
+        table.rules.matching.one_detection_each, table.rules.ambiguous.max_candidates,
     )  # fmt: skip
     entries = prefer(open_.entries, second)
     undecided = undecided | second.present
@@ -108,13 +94,12 @@ def settle(
         slot=jnp.where(undecided, NO_SLOT, open_.slot),
         score=open_.score,
         source=open_.source,
-        guarded=stable.slot,
         creates=open_.creates & ~undecided & (open_.slot < 0),
         ambiguous=entries,
         doubts=open_.doubts,
-        reserved_id=rivalry.reserved_id,
-        groups=groups,
-        rounds=rounds,
+        reserved_id=reserved_id,
+        asked=asked,
+        answers=answers,
         stabilized=stable,
     )
 
@@ -142,8 +127,7 @@ def _reconcile(
     descriptors: Descriptors,
     relations: Relations,
     static: Static,
-    t: Thresholds,
-) -> tuple[_Open, tuple[GroupOutcome, Round]]:
+) -> tuple[_Open, tuple[Undecided, Settled]]:
     """One pass: layout settles closed groups, then births are questioned.
 
     Rule: method.md#settlement-rounds.
@@ -160,7 +144,7 @@ def _reconcile(
         relations,
         distances,
         static,
-        t.known_sets,
+        table.rules.known_sets,
     )
     found = settled.resolved_slot >= 0
     late = MatchOrigin.DISTANCE_FULL_POSTCREATE - MatchOrigin.DISTANCE_FULL
@@ -170,10 +154,7 @@ def _reconcile(
     entries = dataclasses.replace(entries, present=settled.remaining)
 
     held = jnp.any(slot[:, None] == jnp.arange(table.plausible.shape[1]), axis=0)
-    doubts = question_births(
-        table, creates & ~entries.present, held, t.ambiguous.max_candidates, t.provisional,
-        t.matching, t.diagnosis,
-    )  # fmt: skip
+    doubts = question_births(table, creates & ~entries.present, held)
     after = _Open(
         slot=slot,
         score=jnp.where(found, settled.resolved_score, open_.score),
@@ -183,4 +164,4 @@ def _reconcile(
         entries=prefer(entries, doubts.ambiguous),
         doubts=doubts,
     )
-    return after, (settled.groups, Round(open_.entries, settled.root, settled.proposed))
+    return after, (open_.entries, settled)

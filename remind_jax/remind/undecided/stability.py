@@ -57,8 +57,9 @@ class _Components:
     contested: Bool[Array, "N"]  # at least two detections and two objects
 
 
-def stabilize(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabilized:
+def stabilize(table: PairTable, slot: Int[Array, "N"]) -> Stabilized:
     """Withdraws matches that a slightly different score would have swapped."""
+    t = table.rules.stability
     parts = _find_components(table, slot)
     contested = parts.contested & t.enabled
     (first, second), close = _compare_assignments(table, parts, slot, t)
@@ -91,20 +92,16 @@ def stabilize(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabiliz
     )
 
 
-def doubt_entries(
-    table: PairTable,
-    stabilized: Stabilized,
-    min_visual: Float[Array, ""],
-    max_candidates: Int[Array, ""],
-) -> Undecided:
+def doubt_entries(table: PairTable, stabilized: Stabilized) -> Undecided:
     """Turns doubtful detections into ambiguous ones, if two plausible rivals remain.
 
     Rule: method.md#stability-entries.
     """
     members = stabilized.rivals & table.plausible & stabilized.doubtful[:, None]
     score = temporal_score(table, members)
-    members = members & (score >= min_visual)
-    slots, scores = rank(score, members, max_candidates, later_first=True)
+    members = members & (score >= table.rules.matching.min_visual)
+    most = table.rules.ambiguous.max_candidates
+    slots, scores = rank(score, members, most, later_first=True)
     return Undecided(
         present=jnp.sum(members, axis=1) >= 2,
         slot=slots,

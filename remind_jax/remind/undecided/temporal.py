@@ -15,10 +15,12 @@ from remind_jax.decision import NUM_OPTIONS, Status
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
-from remind_jax.remind.association.gating import ContextVerdict, Pairs
+from remind_jax.remind.association.gating import Pairs
 from remind_jax.remind.association.similarity import Comparison, comparable_score
+from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.disambiguation.groups import Undecided
-from remind_jax.remind.thresholds.association import Similarity
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.thresholds.outcome import Ambiguous, Provisional
 
 PLAUSIBLE, CANDIDATES, SUPPORTED = 0, 1, 2
 _TINY = 1e-12
@@ -31,32 +33,27 @@ class PairTable:
 
     comparison: Comparison
     pairs: Pairs
-    context: ContextVerdict
-    similarity: Similarity
-    known_set_score: Bool[Array, ""]  # compare on common evidence, else by the final score
+    reasoning: Reasoning
+    rules: Thresholds
     temporal: Float[Array, "3 N O"]  # T among all PLAUSIBLE candidates, CANDIDATES, SUPPORTED ones
 
     @property
     def plausible(self) -> Bool[Array, "N O"]:
         """Candidates that context does not veto."""
-        return self.comparison.candidate & self.context.plausible
+        return self.comparison.candidate & self.reasoning.plausible
 
     @property
     def supported(self) -> Bool[Array, "N O"]:
         """Plausible candidates that context clearly backs."""
-        return self.plausible & self.context.supported[None]
+        return self.plausible & self.reasoning.supported[None]
 
 
 def tabulate_pairs(
-    comparison: Comparison,
-    pairs: Pairs,
-    context: ContextVerdict,
-    similarity: Similarity,
-    known_set_score: Bool[Array, ""],
+    comparison: Comparison, pairs: Pairs, reasoning: Reasoning, rules: Thresholds
 ) -> PairTable:
     """The table of a frame, with T among the sets of candidates that several rules ask about."""
     nothing = jnp.zeros((3, *comparison.score.shape), comparison.score.dtype)
-    table = PairTable(comparison, pairs, context, similarity, known_set_score, nothing)
+    table = PairTable(comparison, pairs, reasoning, rules, nothing)
     sets = jnp.stack([table.plausible, comparison.candidate, table.supported])
     among = jax.vmap(lambda members: temporal_score(table, members))(sets)
     return dataclasses.replace(table, temporal=among)
@@ -74,9 +71,10 @@ def prefer(first: Undecided, second: Undecided) -> Undecided:
 
 def temporal_score(table: PairTable, members: Bool[Array, "N O"]) -> Float[Array, "N O"]:
     """T: the final score, or the score comparable within a set of candidates and its context."""
-    comparable = comparable_score(table.comparison, members, table.similarity)
-    known = jnp.maximum(table.pairs.score_final, comparable + table.context.bonus_raw[None])
-    return jnp.where(table.known_set_score, known, table.pairs.score_final)
+    comparable = comparable_score(table.comparison, members, table.rules.similarity)
+    bonus = table.reasoning.influence.bonus_raw
+    known = jnp.maximum(table.pairs.score_final, comparable + bonus[None])
+    return jnp.where(table.rules.ambiguous.known_set_score, known, table.pairs.score_final)
 
 
 def is_close(
@@ -93,23 +91,17 @@ def is_close(
 
 
 def judge(
-    scores: Float[Array, "N O"],
-    members: Bool[Array, "N O"],
-    min_top: Float[Array, ""],
-    min_candidate: Float[Array, ""],
-    gap: Float[Array, ""],
-    relative: Float[Array, ""],
-    slack: Float[Array, ""],
+    scores: Float[Array, "N O"], members: Bool[Array, "N O"], t: Ambiguous | Provisional
 ) -> tuple[Int[Array, "N"], Bool[Array, "N O"], Float[Array, "N"]]:
     """The temporal diagnosis: status, the candidates near the top, and the top score."""
     top, some = reduce_together(
         ("max", jnp.where(members, scores, -jnp.inf)), ("any", members), axis=1
     )
     top = jnp.where(jnp.isfinite(top), top, 0.0)
-    near = members & (scores >= min_candidate)
-    near = near & is_close(top[:, None], scores, gap, relative, slack)
+    near = members & (scores >= t.min_candidate)
+    near = near & is_close(top[:, None], scores, t.gap, t.relative_gap, t.gap_slack)
     several = jnp.sum(near, axis=1) >= 2
-    weak = ~some | (top < min_top)
+    weak = ~some | (top < t.min_top)
     status = jnp.where(several, Status.AMBIGUOUS, Status.STRONG)
     return jnp.where(weak, Status.WEAK, status), near, top
 

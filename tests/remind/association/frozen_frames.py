@@ -11,6 +11,7 @@ The coverage density is stored raw.
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -28,7 +29,7 @@ def load_frames(name: str = "frames") -> list[Frame]:
     leaves = []
     for path, _ in paths:
         key = "frame." + jax.tree_util.keystr(path, simple=True, separator=".")
-        leaves.append(load_cases(f"association/{name}")[key])
+        leaves.append(_read(load_cases(f"association/{name}"), key))
     frames = jax.tree.unflatten(structure, leaves)
     low, high = 0.15, 0.60  # share of a patch that counts as nothing, and as everything
     ramps = {
@@ -38,6 +39,18 @@ def load_frames(name: str = "frames") -> list[Frame]:
     frames = dataclasses.replace(frames, quality=dataclasses.replace(frames.quality, **ramps))
     num = len(frames.class_id)
     return [jax.tree.map(lambda leaf, row=row: leaf[row], frames) for row in range(num)]
+
+
+def _read(cases: Mapping[str, np.ndarray], key: str) -> np.ndarray:
+    """A leaf of all frames; scores of the two banks are stored apart."""
+    if not key.startswith("frame.channels."):
+        return cases[key]
+    head, channel, *field = key.split(".")[1:]
+    stored = {"objects": "object"}.get(channel, channel)
+    banks = [
+        cases[".".join(("frame", head, f"{stored}_{bank}", *field))] for bank in ("work", "stable")
+    ]
+    return np.stack(banks, axis=1)
 
 
 def load_settings(name: str) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ perception, graphs and memory do not. All frames share one compiled program.
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -16,23 +16,20 @@ import pytest
 
 from remind_jax.decision import Decisions
 from remind_jax.remind.association import similarity
-from remind_jax.remind.association.assignment import Assignment, associate
+from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.channel_scores import ChannelScores, Score
-from remind_jax.remind.association.diagnosis import diagnose, find_anchors
-from remind_jax.remind.association.gating import read_context
+from remind_jax.remind.association.diagnosis import find_anchors
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import Comparison
-from remind_jax.remind.context.influence import no_influence
+from remind_jax.remind.context.influence import find_supported, no_influence
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.memory.objects import Lifecycle
-from remind_jax.remind.outcome import decide
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.undecided.settlement import settle
-from remind_jax.remind.undecided.temporal import tabulate_pairs
-from tests.statics import make_static
+from remind_jax.remind.tracker import DescribedFrame, decide_pairs
+from tests.statics import change_parts, make_static
 
 NUM, SLOTS, PENDING = 5, 8, 1  # detections, objects, undecided tracks
 BATCH = 64  # frames that are decided at once
@@ -86,18 +83,16 @@ def empty_frame(num: int, num_objects: int) -> Frame:
     rows, slots = np.arange(NUM) < num, np.arange(SLOTS) < num_objects
 
     def absent(channels: int) -> Score:
-        shape = (channels, NUM, SLOTS + PENDING)
+        shape = (2, channels, NUM, SLOTS + PENDING)
         return Score(np.zeros(shape), np.zeros(shape, bool))
 
-    authority = np.ones((2, NUM, SLOTS + PENDING))
+    authority = np.ones((2, 2, NUM, SLOTS + PENDING))
     return Frame(
         class_id=np.where(rows, 0, -1).astype(np.int32),
         object_class=np.where(slots, 0, -1).astype(np.int32),
         lifecycle=np.full(SLOTS, Lifecycle.CONFIRMED, np.int32),
         age=np.full(SLOTS, 50, np.int32),
-        channels=ChannelScores(
-            absent(2), absent(2), authority, authority, absent(2), absent(2), absent(1), absent(1)
-        ),
+        channels=ChannelScores(absent(2), authority, absent(2), absent(1)),
         quality=Quality(*(np.ones(NUM) for _ in dataclasses.fields(Quality))),
         plausible=np.ones((NUM, SLOTS), bool),
         context={name: np.zeros(SLOTS, bool if "band" in name else float) for name in CONTEXT},
@@ -123,8 +118,8 @@ def visual_frame(
     for n, row in enumerate(rows):
         for slot, score in row.items():
             value[n, slot] = score
-    seen = np.zeros((2, NUM, SLOTS + PENDING), bool)
-    seen[0, :, :num_objects] = True
+    seen = np.zeros((2, 2, NUM, SLOTS + PENDING), bool)
+    seen[0, 0, :, :num_objects] = True  # the first channel, in the work bank
     score = Score(np.where(seen, value, 0.0), seen)
     values = {name: column.copy() for name, column in frame.context.items()}
     for slot, said in (context or {}).items():
@@ -132,7 +127,7 @@ def visual_frame(
             values[name][slot] = number
     return dataclasses.replace(
         frame,
-        channels=dataclasses.replace(frame.channels, object_work=score),
+        channels=dataclasses.replace(frame.channels, objects=score),
         lifecycle=np.full(SLOTS, lifecycle, np.int32),
         age=np.full(SLOTS, age, np.int32),
         context=values,
@@ -184,31 +179,22 @@ def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
     masks: Any = SimpleNamespace(valid=valid)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(similarity, "compare_channels", lambda *_: frame.channels)
-        comparison = similarity.compare(
-            state, descriptors, frame.quality, STATIC, t.similarity, jnp.bool_(True), jnp.int32(5)
-        )
-    num_terms = similarity.count_terms(comparison)
-    evidence = diagnose(
-        comparison.score, comparison.candidate, num_terms, STATIC.switches.margin, t.diagnosis
-    )
+        comparison = similarity.compare(state, descriptors, frame.quality, STATIC, t)
     anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
     felt = dataclasses.replace(no_influence(SLOTS, STATIC.scalar), **frame.context)
     plausible = comparison.candidate & frame.plausible
-    reasoning = Reasoning(felt, plausible, jnp.zeros((NUM, SLOTS), jnp.int32), None)  # pyright: ignore[reportArgumentType]
-    rules = dataclasses.replace(t.influence, enabled=frame.influences)
-    context = read_context(reasoning, rules, t.ambiguous)
-    assignment = associate(comparison, evidence, context, frame.class_id, STATIC, t.matching)
-    pairs = assignment.pairs
-    table = tabulate_pairs(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
-    apart = jnp.zeros((NUM, NUM), STATIC.scalar)
-    never = jnp.zeros((NUM, NUM), bool)
-    relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
-    settlement = settle(table, assignment, state, descriptors, relations, STATIC, t)
-    final = diagnose(
-        pairs.score_final, pairs.eligible, num_terms, STATIC.switches.margin, t.diagnosis
-    )
-    decided = decide(
-        objects, masks, descriptors, table, anchors, evidence, final, assignment, settlement,
-        STATIC,
+    t = change_parts(t, influence={"enabled": frame.influences})
+    vetoes, nothing = jnp.zeros((NUM, SLOTS), jnp.int32), cast(Any, None)
+    reasoning = Reasoning(felt, plausible, find_supported(felt, t), vetoes, nothing)
+    seen = DescribedFrame(descriptors, masks)
+    decisions, made_of = decide_pairs(
+        state, seen, frame.quality, unrelated(NUM, STATIC.scalar), comparison, anchors, reasoning,
+        STATIC, t,
     )  # fmt: skip
-    return Verdict(*decided, comparison, assignment, anchors)
+    return Verdict(decisions, made_of.stages, comparison, made_of.assignment, anchors)
+
+
+def unrelated(num: int, scalar: Any) -> Relations:
+    """Detections of which nothing is known of how they lie."""
+    apart, never = jnp.zeros((num, num), scalar), jnp.zeros((num, num), bool)
+    return Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)

@@ -4,7 +4,6 @@ Rules: method.md#gating, method.md#dummy-columns.
 """
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,9 +11,7 @@ import pytest
 
 from remind_jax.remind.association.assignment import dummy_scores
 from remind_jax.remind.association.diagnosis import Evidence
-from remind_jax.remind.association.gating import read_context
-from remind_jax.remind.context.influence import no_influence
-from remind_jax.remind.context.reasoning import Reasoning
+from remind_jax.remind.context.influence import find_supported, no_influence
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Matching
 from tests.remind.association.tables import decide_frames, visual_frame
@@ -45,11 +42,8 @@ def test_what_counts_as_support(x64, said, supported):
         felt,
         **{name: jnp.array([value, 0], getattr(felt, name).dtype) for name, value in said.items()},
     )
-    nothing: Any = None
-    reasoning = Reasoning(felt, jnp.ones((1, 2), bool), jnp.zeros((1, 2), jnp.int32), nothing)
     t = Thresholds().as_arrays(jnp.float64)
-    verdict = read_context(reasoning, t.influence, t.ambiguous)
-    assert verdict.supported.tolist() == [supported, False]
+    assert find_supported(felt, t).tolist() == [supported, False]
 
 
 def test_uncertain_detections_give_way(x64):

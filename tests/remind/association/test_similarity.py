@@ -1,8 +1,5 @@
 """From channels to one score (method.md#channel-scores, method.md#visual-score)."""
 
-from typing import Any
-
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -26,32 +23,29 @@ def rules() -> Similarity:
     return Thresholds().as_arrays(jnp.float64).similarity
 
 
-def score(*values: float | None) -> Score:
-    """One detection, one object; a value per channel."""
-    present = np.array([value is not None for value in values])
-    filled = np.array([value or 0.0 for value in values])
-    return Score(filled[:, None, None], present[:, None, None])
+Values = tuple[float | None, ...]
 
 
-def authority(*values: float) -> Any:
-    return np.array(values)[:, None, None]
+def score(work: Values, stable: Values) -> Score:
+    """One detection, one object; of either bank a value per channel."""
+    values = np.array([work, stable], float)[..., None, None]
+    return Score(np.nan_to_num(values), ~np.isnan(values))  # pyright: ignore[reportArgumentType]
 
 
 # The example of method.md#visual-score.
 EXAMPLE = {
-    "object_work": score(0.86, 0.80), "object_stable": score(0.82, None),
-    "authority_work": authority(0.9, 0.5), "authority_stable": authority(0.6, 0.0),
-    "rings_work": score(0.70, None), "rings_stable": score(0.66, None),
-    "parts_work": score(0.78), "parts_stable": score(0.71),
-}  # fmt: skip
+    "objects": score((0.86, 0.80), (0.82, None)),
+    "authority": np.array([[0.9, 0.5], [0.6, 0.0]])[..., None, None],
+    "rings": score((0.70, None), (0.66, None)),
+    "parts": score((0.78,), (0.71,)),
+}
 
 
 def parts(*values: float) -> dict[str, Score]:
-    work = score(*values)
-    return {"parts_work": work, "parts_stable": jax.tree.map(np.zeros_like, work)}
+    return {"parts": score(values, (None,) * len(values))}
 
 
-RINGS = {"rings_work": score(0.5, 1.0), "rings_stable": score(None, None)}
+RINGS = {"rings": score((0.5, 1.0), (None, None))}
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,6 @@ from tests.statics import change_parts, make_static
 
 NUM, SLOTS = 12, 32  # detections and object slots of a scene
 STATIC = make_static(num_detections=NUM, num_objects=SLOTS, precision="float64")
-VISUAL_GATE = 0.75  # least visual score of an object that is plausibly in view
 
 
 @jax.tree_util.register_dataclass
@@ -102,9 +101,7 @@ def read_context(scene: Scene, t: Thresholds, static: Static) -> Reasoning:
     view = read_view(scene, t, static)
     candidate = scene.det_class[:, None] == scene.object_class
     candidate = candidate & view.det_valid[:, None] & view.exists
-    gate = jnp.asarray(VISUAL_GATE, static.scalar)
-    score = scene.score.astype(static.scalar)
-    return reason(view, candidate, score, gate, static, t.sets, t.influence, t.veto)
+    return reason(view, candidate, scene.score.astype(static.scalar), static, t)
 
 
 _read = jax.jit(read_context, static_argnames="static")

@@ -13,8 +13,6 @@ from tests.statics import make_static
 from .scenes import thresholds, view_of
 
 pytestmark = pytest.mark.usefixtures("x64")
-LEAST = 0.05  # conditional probability of an expected neighbor
-GATE = 0.75  # visual score of a plausible candidate
 _veto = jax.jit(veto_pairs, static_argnames="static")
 
 
@@ -48,10 +46,9 @@ def meet(expected: int, hits: int, *, episodes=4, seen=3, quality=0.45, felt=(),
     score = np.zeros((MANY, MANY))
     score[np.arange(1, len(in_view) + 1), in_view] = 0.9
     score[0, :] = 0.95  # its own candidates do not count
-    rules = thresholds(veto={**MASS, **changed}).veto
     found = _veto(
-        influence, view, np.ones((MANY, MANY), bool), score, GATE, LEAST,
-        static=make_static(precision="float64"), t=rules,
+        influence, view, np.ones((MANY, MANY), bool), score,
+        static=make_static(precision="float64"), thresholds=thresholds(veto={**MASS, **changed}),
     )  # fmt: skip
     return Veto(int(np.asarray(found)[0, 0]))
 

@@ -100,19 +100,19 @@ def known_pairs(score: Any, eligible: Any) -> Pairs:
 
 
 def relations_of(gap: Any, **changed: Any) -> Relations:
-    """Detections that lie apart by these gaps, clearly seen."""
+    """Detections that lie apart by these gaps `[... N N]`, clearly seen."""
     gap = np.asarray(gap)
-    plain = Relations(
-        gap=gap,  # pyright: ignore[reportArgumentType]
-        center_distance=np.zeros_like(gap),  # pyright: ignore[reportArgumentType]
-        contact=np.zeros(gap.shape, np.int32),  # pyright: ignore[reportArgumentType]
-        support=np.zeros_like(gap),  # pyright: ignore[reportArgumentType]
-        gap_valid=np.ones(gap.shape, bool),  # pyright: ignore[reportArgumentType]
-        gap_quality=np.ones_like(gap),  # pyright: ignore[reportArgumentType]
-        truncated=np.zeros(gap.shape, bool),  # pyright: ignore[reportArgumentType]
-        valid=np.ones(gap.shape, bool),  # pyright: ignore[reportArgumentType]
-    )
-    return dataclasses.replace(plain, **changed)
+    leaves: dict[str, Any] = {
+        "gap": gap,
+        "center_distance": gap,
+        "contact": np.zeros(gap.shape, np.int32),
+        "support": np.zeros_like(gap),
+        "gap_valid": np.ones(gap.shape, bool),
+        "gap_quality": np.ones_like(gap),
+        "truncated": np.zeros(gap.shape, bool),
+        "valid": np.broadcast_to(~np.eye(gap.shape[-1], dtype=bool), gap.shape),
+    }
+    return Relations(**{**leaves, **changed})
 
 
 def graph_of(edges: Edges, nearer: Any, margin: Any) -> DistanceGraph:

@@ -1,5 +1,3 @@
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +5,7 @@ import numpy as np
 from remind_jax.remind.memory.cooccurrence import (
     empty_cooccurrence,
     gather_sightings,
-    rank_edges,
+    rank_neighbors,
     ranked_neighbors,
     reorder_cooccurrence,
     update_cooccurrence,
@@ -25,13 +23,10 @@ def _sightings(slot, order, allowed, like):
 _update = jax.jit(update_cooccurrence, static_argnames="static")
 
 
-@functools.partial(jax.jit, static_argnames="static")
-def _order(graph, static):
-    """Neighbors, the strongest first."""
-    rank = rank_edges(graph, static)
-    return ranked_neighbors(
-        rank, min(static.switches.max_neighbours or rank.shape[1], rank.shape[1])
-    )
+@jax.jit
+def _order(graph):
+    """The 20 strongest neighbors."""
+    return ranked_neighbors(rank_neighbors(graph, "weight"), 20)
 
 
 def show(graph, frame, visible, *, slots=8, static=None, rules=None, allowed=None, ids=None):
@@ -52,7 +47,7 @@ def edges(graph, owner=0):
 def test_full_list_keeps_the_lowest_ids_of_equal_edges():
     graph = show(empty_cooccurrence(26, jnp.float32), 0, range(26), slots=26)
     assert edges(graph) == {j: 1 for j in range(1, 21)}
-    slot, valid = _order(graph, make_static())
+    slot, valid = _order(graph)
     assert list(np.asarray(slot[0])[valid[0]]) == list(range(1, 21))
 
 

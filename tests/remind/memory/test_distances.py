@@ -19,10 +19,11 @@ from remind_jax.remind.memory.distances import (
     reorder_distances,
     update_distances,
 )
-from remind_jax.remind.perception.relations import Contact, Relations, observe_relations
+from remind_jax.remind.perception.relations import Contact, observe_relations
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.relations import Cooccurrence
 from remind_jax.remind.thresholds.relations import Relations as Rules
+from tests.remind.disambiguation.scenes import relations_of
 from tests.statics import make_static
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "graphs" / "layout_graph_alt.npz"
@@ -40,31 +41,6 @@ def update(graph, relations, slot, accepted, *, allowed=None, enabled=True):
     slot, order = np.array(slot, np.int32), np.arange(num)
     rules = Thresholds(relations=Rules(enabled=enabled)).as_arrays().relations
     return _update(graph, relations, slot, order, allowed, np.array(accepted), rules)
-
-
-def relate(
-    gap: Any,
-    center: Any = None,
-    support: Any = 0.0,
-    contact: Any = Contact.NEAR,
-    gap_valid: Any = True,
-) -> Relations:
-    """Relations from symmetric matrices or single values."""
-    shape = np.shape(gap)
-
-    def full(value, dtype) -> Any:
-        return np.broadcast_to(np.asarray(value, dtype), shape).copy()
-
-    return Relations(
-        gap=full(gap, np.float32),
-        center_distance=full(gap if center is None else center, np.float32),
-        contact=full(contact, np.int32),
-        support=full(support, np.float32),
-        gap_valid=full(gap_valid, bool),
-        gap_quality=full(gap_valid, np.float32),
-        truncated=full(False, bool),
-        valid=full(~np.eye(shape[0], dtype=bool), bool),
-    )
 
 
 def symmetric(*pairs, num=3):
@@ -106,7 +82,7 @@ def test_chairs_and_lamp_of_the_page(x64):
             make_static(precision="float64"),
             rules.cooccurrence,
         )
-        relations = observe_relations(masks, masks.relations, rules.relations)
+        relations = observe_relations(masks, rules.relations)
         return neighbors, update_distances(graph, relations, seen, accepted, rules.relations)
 
     for frame, shift in enumerate([0, 4, -4, 8, 0, 2, -6]):
@@ -133,7 +109,7 @@ def test_chairs_and_lamp_of_the_page(x64):
 
 
 def test_of_equal_distances_the_larger_id_is_nearer():
-    equal = relate(symmetric((0, 1, 0.5), (0, 2, 0.5)))
+    equal = relations_of(symmetric((0, 1, 0.5), (0, 2, 0.5)))
     graph = update(empty_distances(3, jnp.float32), equal, [0, 1, 2], [True] * 3)
     assert (graph.nearer[0, 1, 2], graph.nearer[0, 2, 1]) == (0, 1)
 
@@ -148,7 +124,7 @@ def test_of_equal_distances_the_larger_id_is_nearer():
 )
 def test_who_collects_whom(allowed, pending):
     graph = update(
-        empty_distances(3, jnp.float32), relate(np.ones((3, 3))), [0, 1, 2], [False] * 3,
+        empty_distances(3, jnp.float32), relations_of(np.ones((3, 3))), [0, 1, 2], [False] * 3,
         allowed=allowed,
     )  # fmt: skip
     np.testing.assert_array_equal(graph.pending.count, pending)
@@ -156,7 +132,7 @@ def test_who_collects_whom(allowed, pending):
 
 def test_switched_off():
     graph = update(
-        empty_distances(3, jnp.float32), relate(np.ones((3, 3))), [0, 1, 2], [True] * 3,
+        empty_distances(3, jnp.float32), relations_of(np.ones((3, 3))), [0, 1, 2], [True] * 3,
         enabled=False,
     )  # fmt: skip
     assert not any(leaf.any() for leaf in jax.tree.leaves(graph))
@@ -165,8 +141,8 @@ def test_switched_off():
 def test_newest_relations_stay_when_there_are_too_many():
     graph = empty_distances(2, jnp.float32)
     for gap in [100.0, 1.0, 2.0, 4.0]:
-        graph = update(graph, relate(symmetric((0, 1, gap), num=2)), [0, 1], [False, False])
-    graph = update(graph, relate(symmetric((0, 1, 8.0), num=2)), [0, 1], [True, True])
+        graph = update(graph, relations_of(symmetric((0, 1, gap), num=2)), [0, 1], [False, False])
+    graph = update(graph, relations_of(symmetric((0, 1, 8.0), num=2)), [0, 1], [True, True])
     assert graph.edges.gap_mean[0, 1] == 4.0
 
 
@@ -175,7 +151,7 @@ def test_forgotten_object_leaves_no_trace():
     graph = empty_distances(6, jnp.float32)
     for _ in range(4):
         gaps = rng.random((4, 4))
-        graph = update(graph, relate(gaps + gaps.T), [0, 1, 2, 3], rng.random(4) < 0.7)
+        graph = update(graph, relations_of(gaps + gaps.T), [0, 1, 2, 3], rng.random(4) < 0.7)
     move = jax.jit(reorder_distances)
     moved = move(graph, jnp.array([0, 2, 3, 1, 4, 5]), jnp.arange(6) < 3)
     left = np.array([0, 2, 3])
@@ -217,7 +193,7 @@ def test_graphs_of_the_original(x64):
         neighbors, accepted = update_cooccurrence(
             neighbors, seen, jnp.arange(slots, dtype=jnp.int32), at, static, rules.cooccurrence
         )
-        relations = observe_relations(masks, relations, rules.relations)
+        relations = observe_relations(masks, rules.relations)
         graph = update_distances(graph, relations, seen, accepted, rules.relations)
         degrees = [jnp.sum(count > 0, axis=1) for count in (neighbors.count, graph.edges.count)]
         return (neighbors, graph), (degrees[0], neighbors.episodes, degrees[1])

@@ -35,7 +35,7 @@ def observe(boxes, gap_px=None, areas=None, centers=None, border=None, **rules):
         relations=relations,
         valid=np.ones(num, bool),
     )
-    return _observe(masks, relations, jax.tree.map(jnp.asarray, Rules(**rules)))
+    return _observe(masks, jax.tree.map(jnp.asarray, Rules(**rules)))
 
 
 A, B, C = (50, 50, 110, 100), (130, 60, 160, 90), (60, 60, 80, 80)

@@ -90,7 +90,7 @@ def reorder(frame: Frame, order: np.ndarray) -> Frame:
     return dataclasses.replace(
         frame,
         class_id=frame.class_id[order],
-        channels=jax.tree.map(rows(1), frame.channels),
+        channels=jax.tree.map(rows(2), frame.channels),
         quality=jax.tree.map(rows(0), frame.quality),
         plausible=frame.plausible[order],
     )

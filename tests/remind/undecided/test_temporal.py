@@ -7,9 +7,9 @@ import pytest
 
 from remind_jax.decision import NUM_OPTIONS, Status
 from remind_jax.remind.disambiguation.groups import Undecided
+from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.temporal import judge, prefer
 
-AMBIGUOUS = (0.45, 0.40, 0.05, 0.10, 1e-4)  # least top and candidate score, gaps, slack
 JUDGE = jax.jit(judge)
 
 
@@ -29,7 +29,8 @@ def test_diagnosis(x64, scores, status, near):
     table = np.zeros((1, 3))
     table[0, : len(scores)] = scores
     members = np.arange(3)[None] < len(scores)
-    given_status, given_near, top = JUDGE(table, members, *map(jnp.float64, AMBIGUOUS))
+    rules = Thresholds().as_arrays(jnp.float64).ambiguous
+    given_status, given_near, top = JUDGE(table, members, rules)
     assert int(given_status[0]) == status
     assert np.flatnonzero(given_near[0]).tolist() == near
     assert float(top[0]) == max(scores, default=0.0)
