@@ -162,7 +162,7 @@ def compare_views(
 
     Rules: method.md#channel-scores, method.md#visual-score.
     """
-    value, present = [np.zeros((0, 3))], [np.zeros((0, 3), bool)]
+    parts = [Evidence(np.zeros((0, 3)), np.zeros((0, 3), bool))]
     for first in range(0, len(comparisons.query), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         query, memory = comparisons.query[some], comparisons.memory[some]
@@ -171,9 +171,9 @@ def compare_views(
             _join_rings(views, query, memory, ring_shares),
             _best_parts(views, query, memory, part_top),
         )
-        value.append(np.stack([term for term, _ in terms], axis=1).astype(float))
-        present.append(np.stack([seen for _, seen in terms], axis=1))
-    return Evidence(np.concatenate(value), np.concatenate(present))
+        value, present = (np.stack(columns, axis=1) for columns in zip(*terms, strict=True))
+        parts.append(Evidence(value.astype(float), present))
+    return Evidence.join(parts)
 
 
 def _nearest(

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import process
 from remind_jax.cli.flags import (
     BackboneName,
     DetectionFlags,
     SamplingFlags,
+    flags,
     past_the_parser,
-    quiet_defaults,
 )
 from remind_jax.cli.run import Layout, scene_options
 from remind_jax.errors import SourceError
@@ -26,8 +24,7 @@ from remind_jax.session.progress import RunLine
 _SHOWN = ("matching.match", "matching.min_visual", "appearance.duplicate")
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Calibrate:
     """Fit the thresholds of the paper's tracker ('--config remind') to a backbone.
 
@@ -54,12 +51,12 @@ class Calibrate:
     seed: int = 0  # of the choice of what is compared
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON
-    sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
-    detection: DetectionFlags = dataclasses.field(default_factory=DetectionFlags)
-    layout: Layout = dataclasses.field(default_factory=Layout)
+    sampling: SamplingFlags = SamplingFlags()
+    detection: DetectionFlags = DetectionFlags()
+    layout: Layout = Layout()
 
-    def execute(self) -> int:
-        """Calibrates and reports; returns the exit code."""
+    def execute(self) -> None:
+        """Calibrates and reports."""
         if not self.sources:
             raise SourceError("name the scenes to calibrate on: folders with masks")
         self.detection.check_used_by(self.detector)
@@ -103,10 +100,7 @@ class Calibrate:
             if self.out is not None:
                 use = f"use it with --config {made.path}"
             print_lines(
-                [
-                    f"{what.backbone}: {what.same} comparisons of an object with itself, "
-                    f"{what.other} of two ({what.evidence}): {values}",
-                    f"{made.path}: {use}",
-                ]
+                f"{what.backbone}: {what.same} comparisons of an object with itself, "
+                f"{what.other} of two ({what.evidence}): {values}",
+                f"{made.path}: {use}",
             )
-        return process.FINE

@@ -184,7 +184,7 @@ class Result(Printable):
         """
         run_dir = files.as_path(run_dir, "the folder of the run", OutputError)
         files.make_folder(run_dir)
-        with store.DetectionsWriter(run_dir / store.DETECTIONS_NAME, self.info.to_json()) as file:
+        with store.detections_writer(run_dir / store.DETECTIONS_NAME, self.info) as file:
             for tracks in self.tracks:
                 file.add(tracks)
         self.save_trace(run_dir)

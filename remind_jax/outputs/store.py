@@ -5,13 +5,12 @@ Written line by line; a last line cut off in the middle is left out when it is r
 
 from __future__ import annotations
 
-import abc
 import contextlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from remind_jax.errors import OutputError
 from remind_jax.files import check_regular, replace_file, writing
@@ -37,28 +36,25 @@ _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 
 
 class FrameWriter(contextlib.AbstractContextManager):
-    """Writes text frame by frame; every frame is on disk when `add` returns."""
+    """Writes text frame by frame; every frame is on disk when `add` returns.
 
-    def __init__(self, path: Path, *, append: bool = False) -> None:
-        self._path = path
+    A new file begins with `head`; to the end of another one frames are added.
+    """
+
+    def __init__(
+        self, path: Path, head: str, text_of: Callable[[Tracks], str], *, append: bool = False
+    ) -> None:
+        self._path, self._text_of = path, text_of
         with writing(path):
             self._file = path.open("a" if append else "w", encoding="utf-8", newline="\n")
             if not append:
-                self._write_head(self._file)
+                self._file.write(head)
                 self._file.flush()
-
-    @abc.abstractmethod
-    def _write_head(self, file: TextIO) -> None:
-        """Writes what stands before the frames."""
-
-    @abc.abstractmethod
-    def _write_frame(self, file: TextIO, tracks: Tracks) -> None:
-        """Writes one frame."""
 
     def add(self, tracks: Tracks) -> None:
         """Appends one frame."""
         with writing(self._path):
-            self._write_frame(self._file, tracks)
+            self._file.write(self._text_of(tracks))
             self._file.flush()
 
     def close(self) -> None:
@@ -70,22 +66,14 @@ class FrameWriter(contextlib.AbstractContextManager):
         self.close()
 
 
-class DetectionsWriter(FrameWriter):
+def detections_writer(path: Path, info: RunInfo, *, append: bool = False) -> FrameWriter:
     """Writes `detections.jsonl`."""
-
-    def __init__(self, path: Path, info: dict[str, Any], *, append: bool = False) -> None:
-        self._info = info
-        super().__init__(path, append=append)
-
-    def _write_head(self, file: TextIO) -> None:
-        _write_line(file, {"format": FORMAT, "version": VERSION, "info": self._info})
-
-    def _write_frame(self, file: TextIO, tracks: Tracks) -> None:
-        _write_line(file, tracks_to_json(tracks))
+    head = _to_line({"format": FORMAT, "version": VERSION, "info": info.to_json()})
+    return FrameWriter(path, head, lambda tracks: _to_line(tracks_to_json(tracks)), append=append)
 
 
-def _write_line(file: TextIO, content: dict[str, Any]) -> None:
-    file.write(json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n")
+def _to_line(content: dict[str, Any]) -> str:
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n"
 
 
 def _say_lacking(path: Path) -> str:

@@ -10,7 +10,7 @@ from remind_jax.errors import OutputError
 from remind_jax.explanation import archive as module
 from remind_jax.explanation.archive import TRACE_NAME, TraceArchive
 from remind_jax.explanation.explainer import open_archive
-from remind_jax.explanation.plus.explainer import PlusRecord
+from remind_jax.explanation.plus import PlusRecord
 from remind_jax.explanation.remind.explainer import FrameRecord
 from tests.explanation.scenes import decide_frame
 

@@ -55,7 +55,7 @@ def test_any_frame_survives_json(rows, seed):
 def stored(tmp_path):
     _, result = make_run(num_frames=6)
     path = tmp_path / store.DETECTIONS_NAME
-    with store.DetectionsWriter(path, make_info().to_json()) as writer:
+    with store.detections_writer(path, make_info()) as writer:
         for tracks in result.tracks:
             writer.add(tracks)
     return path, result
@@ -64,7 +64,7 @@ def stored(tmp_path):
 def test_frames_are_on_disk_before_the_file_is_closed(tmp_path):
     _, result = make_run(num_frames=3)
     path = tmp_path / store.DETECTIONS_NAME
-    writer = store.DetectionsWriter(path, make_info().to_json())
+    writer = store.detections_writer(path, make_info())
     for done, tracks in enumerate(result.tracks, start=1):
         writer.add(tracks)
         assert len(store.read_detections(path)[1]) == done
@@ -148,7 +148,7 @@ def _change_line(path, number, change):
 def test_what_is_wrong_in_a_frame_is_named(tmp_path, change, said):
     _, result = make_run(num_frames=6)
     path = tmp_path / store.DETECTIONS_NAME
-    with store.DetectionsWriter(path, make_info().to_json()) as writer:
+    with store.detections_writer(path, make_info()) as writer:
         for tracks in result.tracks:
             writer.add(
                 dataclasses.replace(

@@ -23,7 +23,7 @@ def squares(*corners: tuple[int, int], side: int = 4) -> np.ndarray:
 def test_csv_has_every_detection(tmp_path):
     _, result = make_run(num_frames=30)
     path = tmp_path / "tracks.csv"
-    with tables.CsvWriter(path) as writer:
+    with tables.csv_writer(path) as writer:
         for tracks in result.tracks:
             writer.add(tracks)
     with path.open(newline="") as file:
@@ -39,7 +39,7 @@ def test_csv_has_every_detection(tmp_path):
 def test_csv_keeps_awkward_names_in_their_column(tmp_path):
     path = tmp_path / "tracks.csv"
     label = 'cup, "big"\nblue'
-    with tables.CsvWriter(path) as writer:
+    with tables.csv_writer(path) as writer:
         writer.add(make_tracks(0, squares((1, 1)), [{"object_id": 0, "label": label}]))
     with path.open(newline="") as file:
         assert [row["label"] for row in csv.DictReader(file)] == [label]

@@ -6,19 +6,20 @@ from hypothesis import strategies as st
 
 from remind_jax.decision import Outcome
 from remind_jax.outputs.presence import join_positions
-from remind_jax.outputs.report import by_first_sight, spans_with
+from remind_jax.outputs.report import report_data, spans_with
 from tests.outputs.fake_run import make_run
 
 
 def test_rows_follow_first_sight():
     _, result = make_run(30)
     late_first = dataclasses.replace(result, tracks=result.tracks[10:])  # 1, 3, 5 come back at 20
-    assert [row.object_id for row in by_first_sight(late_first)] == [0, 2, 4, 3, 5, 1]
+    shown = report_data(late_first, [], None)["identities"]
+    assert [row["id"] for row in shown] == [0, 2, 4, 3, 5, 1]
 
 
 def test_runs_absences_and_doubt():
     _, result = make_run(30)
-    rows = by_first_sight(result)
+    rows = result.objects()
     row = rows[1]
     assert row.seen == ((0, 9), (23, 29))
     assert row.absences == ((10, 22),)

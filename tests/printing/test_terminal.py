@@ -49,7 +49,7 @@ def test_cells_are_no_markup(width, capsys):
 
 def test_sentences_wrap_and_paths_stay_whole(width, capsys):
     path = "/home/somebody/runs/" + "long_name_of_a_folder/" * 4
-    print_lines(["word " * 40, f"output in {path}"])
+    print_lines("word " * 40, f"output in {path}")
     lines = capsys.readouterr().out.splitlines()
     assert all(len(line) <= width or line.strip() == path for line in lines)
     assert any(line.strip() == path for line in lines)
@@ -83,7 +83,7 @@ def test_a_comparison_of_many_methods_and_scores_fits(width, capsys):
 
 def test_names_of_others_command_no_terminal(monkeypatch, capsys):
     monkeypatch.delenv("COLUMNS", raising=False)
-    print_lines(["a \x1b[31mred \u202e name"])
+    print_lines("a \x1b[31mred \u202e name")
     print_markdown("# \x1b[2J")
     print_table([["name"], ["\x07"]])
     shown = capsys.readouterr().out
