@@ -188,7 +188,6 @@ def read_sightings(path: Path) -> list[Sighting]:
                 position=crop["position"],
                 absent_frames=crop["absent_frames"],
                 picture_position=crop["picture_position"],
-                picture_frame=run["frames"][crop["picture_position"]]["frame"],
                 image=_image_from_address(crop["image"]),
             )
             for who in run["identities"]

@@ -252,6 +252,10 @@ class RunInfo(Printable):
     # of the memory that the run went on from
     known_objects: Annotated[tuple[KnownObject, ...], Meta(max_length=1_000_000)] = ()
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.config.get("tracker"), str):
+            raise ValueError("its `config` names no `tracker`")
+
     def to_json(self) -> dict[str, Any]:
         """The same as a dictionary that `json` can write."""
         return msgspec.to_builtins(self)
@@ -263,18 +267,7 @@ class RunInfo(Printable):
         Raises:
           OutputError: If a key is missing or of another kind.
         """
-        where = "the description of the run"
-        return check(content, RunInfo, where, refused=OutputError).checked(where)
-
-    def checked(self, where: str) -> RunInfo:
-        """This one, if its configuration names a tracker, as every configuration does.
-
-        Raises:
-          OutputError: If it does not.
-        """
-        if not isinstance(self.config.get("tracker"), str):
-            raise OutputError(f"{where}: its `config` names no `tracker`")
-        return self
+        return check(content, RunInfo, "the description of the run", refused=OutputError)
 
     @property
     def object_names(self) -> dict[int, str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -130,19 +130,22 @@ def read_detections(path: Path) -> tuple[RunInfo, tuple[Tracks, ...]]:
     return info, tuple(frames)
 
 
-def check_all_there(folder: Path, tracks: Sequence[Tracks], run: RunRecord | None) -> None:
-    """Makes sure that no frame is missing from the record of a run that is complete.
+def read_run(folder: Path) -> tuple[RunInfo, tuple[Tracks, ...], RunRecord | None]:
+    """Reads the record of a run, and `run.json`: None if the run ended before it was written.
 
     Raises:
-      OutputError: If the record was cut off since.
+      OutputError: If the folder holds no run, the run is damaged, or it is complete and frames are
+        missing from its record.
     """
-    if run is None or not run.complete or run.summary is None:
-        return
-    if run.summary.frames != len(tracks):
+    info, tracks = read_detections(folder / DETECTIONS_NAME)
+    run = read_run_json(folder / RUN_NAME)
+    counted = run.summary if run is not None and run.complete else None
+    if counted is not None and counted.frames != len(tracks):
         raise OutputError(
             f"'{folder / DETECTIONS_NAME}' holds {len(tracks)} frames, and '{RUN_NAME}' beside it "
-            f"counts {run.summary.frames}; {_RESTORE}"
+            f"counts {counted.frames}; {_RESTORE}"
         )
+    return info, tracks, run
 
 
 def write_run_json(path: Path, content: dict[str, Any]) -> None:
@@ -157,9 +160,7 @@ def read_run_json(path: Path) -> RunRecord | None:
     if not path.exists():
         return None
     try:
-        run = read_json(path, RunRecord, refused=OutputError)
-        run.info.checked(f"'{path}', `info`")
-        return run
+        return read_json(path, RunRecord, refused=OutputError)
     except OutputError as error:
         raise OutputError(
             f"{error}, or delete the file to open the run without its timings"
@@ -182,4 +183,4 @@ def _read_start(path: Path, line: bytes) -> RunInfo:
             f"'{path}' has format version {start.version}, this remind-jax reads up to {VERSION}; "
             "upgrade remind-jax"
         )
-    return decode_json(bytes(start.info), RunInfo, where, refused=OutputError).checked(where)
+    return decode_json(bytes(start.info), RunInfo, where, refused=OutputError)

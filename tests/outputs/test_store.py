@@ -11,6 +11,7 @@ from remind_jax.errors import OutputError
 from remind_jax.files.records import decode_json
 from remind_jax.outputs import run_records, store
 from remind_jax.outputs.run_records import FrameRow
+from remind_jax.outputs.writer import KeptTracks
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
@@ -49,6 +50,19 @@ def test_any_frame_survives_json(rows, seed):
     tracks = make_tracks(3, masks, rows)
     text = json.dumps(run_records.tracks_to_json(tracks), allow_nan=False)
     assert_same(run_records.tracks_of(decode_json(text.encode(), FrameRow, "a frame")), tracks)
+
+
+def test_frames_kept_on_disk_come_back_while_more_are_added(tmp_path):
+    frames = make_run(6)[1].tracks
+    kept = KeptTracks(tmp_path)
+    for tracks in frames[:3]:
+        kept.append(tracks)
+    assert len(list(kept)) == 3
+    for tracks in frames[3:]:
+        kept.append(tracks)
+    for ours, theirs in zip(frames, kept, strict=True):
+        assert_same(ours, theirs)
+    assert list(tmp_path.iterdir()) == []  # the file has no name, so nothing is left
 
 
 @pytest.fixture
