@@ -13,7 +13,6 @@ from remind_jax.cli.flags import (
     DetectionFlags,
     SamplingFlags,
     flags,
-    past_the_parser,
 )
 from remind_jax.cli.run import Layout, scene_options
 from remind_jax.errors import SourceError
@@ -68,8 +67,7 @@ class Calibrate:
         from remind_jax.calibration import calibrate
 
         obtain_named(self.backbone, self.weights, quiet=self.quiet)
-        shown = RunLine(self.backbone, None, is_shown=not self.quiet)
-        with past_the_parser(), shown:
+        with RunLine(self.backbone, None, is_shown=not self.quiet):
             made = calibrate(
                 list(self.sources),
                 backbone=self.backbone,

@@ -86,7 +86,7 @@ class LiveView:
         self._objects: dict[int, _Object] = {}  # by their ids in memory
         self._earlier: dict[int, Any] = {}  # not seen in this run, as announced
         self._names: Mapping[int, str] = {}
-        self._in_view: list[int] = []
+        self._in_view: set[int] = set()
         self._arrived = self._now_s = 0.0
         self._shown_at = collections.deque[float](maxlen=_RECENT)
         self._drawn: tuple[int, bytes] | None = None
@@ -113,7 +113,7 @@ class LiveView:
             now = self._clock()
             for gone, kept in merges:
                 self._merge(int(gone), int(kept))
-            self._in_view = []
+            self._in_view = set()
             for row, (memory_id, object_id) in enumerate(
                 zip(memory_ids, tracks.object_id.tolist(), strict=True)
             ):
@@ -145,11 +145,9 @@ class LiveView:
         """What the page writes, as `json` can."""
         with self._changed:
             tracks = None if self._frame is None else self._frame[1]
-            in_view = set(self._in_view)
-            absent = [o for key, o in self._objects.items() if key not in in_view]
-            absent.sort(key=lambda one: -one.last_s)
-            latest = sorted(self._objects.values(), key=lambda one: -one.last_s)[:MAX_ROWS]
-            keys = {id(one): key for key, one in self._objects.items()}
+            latest = sorted(self._objects.items(), key=lambda item: -item[1].last_s)
+            absent = [(key, one) for key, one in latest if key not in self._in_view]
+            rows = sorted((one for _, one in latest[:MAX_ROWS]), key=lambda one: one.first_s)
             return {
                 "version": self._version,
                 "title": self._title,
@@ -162,13 +160,13 @@ class LiveView:
                 "in_view": [] if tracks is None else self._list_rows(tracks),
                 "remembered": [
                     {
-                        "key": keys[id(one)] if one.picture is not None else None,
+                        "key": key if one.picture is not None else None,
                         "name": one.title(self._names),
                         "color": one.color,
                         "unseen_s": self._now_s - one.last_s,
                         "frames": one.num_frames,
                     }
-                    for one in absent[:MAX_LISTED]
+                    for key, one in absent[:MAX_LISTED]
                 ]
                 + self._list_earlier(MAX_LISTED - len(absent)),
                 "timeline": {
@@ -180,7 +178,7 @@ class LiveView:
                             "color": one.color,
                             "spans": [s for s in one.spans if s[1] >= self._now_s - WINDOW_S],
                         }
-                        for one in sorted(latest, key=lambda one: one.first_s)
+                        for one in rows
                     ],
                 },
             }
@@ -258,7 +256,7 @@ class LiveView:
         one.object_id = object_id
         one.num_frames += 0 if earlier is None else earlier.num_frames
         one.see(time_s)
-        self._in_view.append(memory_id)
+        self._in_view.add(memory_id)
 
     def _merge(self, gone: int, kept: int) -> None:
         former = self._objects.pop(gone, None)
