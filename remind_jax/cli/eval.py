@@ -19,6 +19,7 @@ from remind_jax.settings.ranges import check_option
 if TYPE_CHECKING:
     from remind_jax.metrics import SetEvaluation
 
+_MAX_RESAMPLES = 1_000_000
 FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "cvat", "run"]
 
 
@@ -68,9 +69,10 @@ class Eval:
         """Scores, prints and writes."""
         from remind_jax.metrics.scene_evaluation import table_of
 
-        for name, least in (("resamples", 0), ("num_frames", 1), ("min_absence_frames", 1)):
-            if (value := getattr(self, name)) is not None:
-                check_option(name, value, least, MAX_FRAMES)
+        check_option("resamples", self.resamples, 0, _MAX_RESAMPLES)
+        check_option("min_absence_frames", self.min_absence_frames, 1, MAX_FRAMES)
+        if self.num_frames is not None:
+            check_option("num_frames", self.num_frames, 1, MAX_FRAMES)
         for path in (*self._table_files, *([] if self.json is None else [self.json])):
             refuse_file(path, (self.truth, *self.predictions), is_read=_may_be_tracks)
         if self.min_absence_frames > 1 and self.protocol == "paper":

@@ -177,7 +177,7 @@ def _parse(words: Sequence[str]) -> Verb:
     else:
         about = {"prog": "remind", "description": DESCRIPTION}
         choices = tuple(
-            Annotated[verb, subcommand(name, description=inspect.getdoc(verb).partition("\n")[0])]
+            Annotated[verb, subcommand(name, description=str(verb.__doc__).partition("\n")[0])]
             for name, verb in VERBS.items()
         )
         asked = Union[choices]  # noqa: UP007

@@ -180,6 +180,12 @@ def tracks_of(frame: FrameRow) -> Tracks:
         rles = tuple({"size": [*frame.size], "counts": row.rle.encode("ascii")} for row in rows)
     except UnicodeEncodeError as error:
         raise OutputError("a mask is damaged: its code is no ASCII text") from error
+    columns: dict[str, Any] = {
+        key: np.array([kind[getattr(row, key).upper()] for row in rows], np.int32)
+        for key, kind in _CODES.items()
+    }
+    for key, (field, dtype) in _NUMBERS.items():
+        columns[field] = np.array([getattr(row, key) for row in rows], dtype)
     return Tracks(
         frame_index=frame.frame,
         source_index=frame.source_index,
@@ -191,14 +197,7 @@ def tracks_of(frame: FrameRow) -> Tracks:
         labels=tuple(row.label for row in rows),
         boxes=np.array([row.box for row in rows], float).reshape(num, 4),
         rles=rles,
-        **{
-            key: np.array([kind[getattr(row, key).upper()] for row in rows], np.int32)
-            for key, kind in _CODES.items()
-        },
-        **{
-            field: np.array([getattr(row, key) for row in rows], dtype)
-            for key, (field, dtype) in _NUMBERS.items()
-        },
+        **columns,
     )
 
 
