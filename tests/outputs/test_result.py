@@ -103,13 +103,10 @@ def test_summary_counts():
     json.dumps(summary, allow_nan=False)
 
 
-def test_summary_counts_an_identity_given_twice():
+def test_summaries_of_an_identity_given_twice_and_of_nothing():
     masks = np.ones((2, 8, 8), bool)
     tracks = make_tracks(0, masks, [{"object_id": 3}, {"object_id": 3}])
     assert Result((tracks,), make_info()).summary()["repeated_identities"] == 1
-
-
-def test_empty_run_has_a_summary():
     summary = Result((), make_info()).summary()
     assert (summary["frames"], summary["identities"], summary["undecided_share"]) == (0, 0, 0)
 

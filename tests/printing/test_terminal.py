@@ -29,10 +29,13 @@ def test_a_wide_table_is_shared_out_with_its_first_column(width, capsys):
     assert text.count("title") == 1
 
 
-def test_in_a_file_tables_are_as_wide_as_they_are(monkeypatch, capsys):
+def test_in_a_file_tables_are_as_wide_as_they_are_and_markdown_stays(monkeypatch, capsys):
     monkeypatch.delenv("COLUMNS", raising=False)
     print_table(WIDE)
     assert capsys.readouterr().out.count("row 2") == 1
+    text = "## Best\n\n| name |\n| --- |\n| x |"
+    print_markdown(text)
+    assert capsys.readouterr().out == text + "\n"
 
 
 def test_a_cell_that_is_too_long_is_folded_whole(width, capsys):
@@ -63,13 +66,6 @@ def test_tables_of_markdown_are_drawn(width, capsys):
     assert "a|b" in text
     assert "0.5" in text
     assert text.rstrip().endswith("Mean: 1")
-
-
-def test_markdown_in_a_file_stays_as_it_is(monkeypatch, capsys):
-    monkeypatch.delenv("COLUMNS", raising=False)
-    text = "## Best\n\n| name |\n| --- |\n| x |"
-    print_markdown(text)
-    assert capsys.readouterr().out == text + "\n"
 
 
 def test_a_comparison_of_many_methods_and_scores_fits(width, capsys):
