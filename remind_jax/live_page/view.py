@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import itertools
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -41,8 +40,8 @@ class _Object:
 
     label: str
     object_id: int  # as announced
-    first_s: float
-    last_s: float
+    first_s: float  # in this run
+    last_s: float  # NaN if it was not seen in this run
     num_frames: int = 0
     spans: collections.deque[tuple[float, float]] = dataclasses.field(
         default_factory=lambda: collections.deque(maxlen=MAX_SPANS)
@@ -84,7 +83,7 @@ class LiveView:
         self._frame: tuple[np.ndarray | None, Tracks] | None = None
         self._memory: MemoryUse | None = None
         self._objects: dict[int, _Object] = {}  # by their ids in memory
-        self._earlier: dict[int, Any] = {}  # not seen in this run, as announced
+        self._earlier: dict[int, _Object] = {}  # not seen in this run, by their announced ids
         self._names: Mapping[int, str] = {}
         self._in_view: set[int] = set()
         self._arrived = self._now_s = 0.0
@@ -95,7 +94,10 @@ class LiveView:
         """Takes what is known before the first frame, as `Tracker.objects` tells it."""
         with self._changed:
             latest = sorted(objects, key=lambda one: one.last, reverse=True)
-            self._earlier = {one.object_id: one for one in latest}
+            self._earlier = {
+                one.object_id: _Object(one.label, one.object_id, np.nan, np.nan, one.num_frames)
+                for one in latest
+            }
             self._names = {one.object_id: one.name for one in latest}
 
     def show(
@@ -163,12 +165,11 @@ class LiveView:
                         "key": key if one.picture is not None else None,
                         "name": one.title(self._names),
                         "color": one.color,
-                        "unseen_s": self._now_s - one.last_s,
+                        "unseen_s": None if np.isnan(one.last_s) else self._now_s - one.last_s,
                         "frames": one.num_frames,
                     }
-                    for key, one in absent[:MAX_LISTED]
-                ]
-                + self._list_earlier(MAX_LISTED - len(absent)),
+                    for key, one in [*absent, *self._earlier.items()][:MAX_LISTED]
+                ],
                 "timeline": {
                     "from_s": max(0.0, self._now_s - WINDOW_S),
                     "to_s": max(self._now_s, 1e-3),
@@ -234,18 +235,6 @@ class LiveView:
                 "confidence": tracks.shown_confidence(row),
             }
             for row in range(len(tracks))
-        ]
-
-    def _list_earlier(self, most: int) -> list[dict[str, Any]]:
-        return [
-            {
-                "key": None,
-                "name": title_of(one.label, one.object_id, self._names),
-                "color": to_hex(identity_color(one.object_id)),
-                "unseen_s": None,
-                "frames": one.num_frames,
-            }
-            for one in itertools.islice(self._earlier.values(), max(0, most))
         ]
 
     def _see(self, memory_id: int, object_id: int, label: str, time_s: float) -> None:
