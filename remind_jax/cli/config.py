@@ -56,7 +56,8 @@ class Describe:
         """Prints a paragraph per setting."""
         if not self.keys:
             raise ConfigError("name the settings to describe, for example decision.new")
-        print_lines(*describe_settings(load_config_with(self.config), self.keys))
+        for line in describe_settings(load_config_with(self.config), self.keys):
+            print_lines(line)
 
 
 @flags
