@@ -13,7 +13,7 @@ import pytest
 import remind_jax as rj
 from remind_jax import method as methods
 from remind_jax.backbone import registry
-from remind_jax.explanation.plus.explanation import PlusExplanation
+from remind_jax.explanation.plus import PlusExplanation
 from remind_jax.explanation.remind.explanation import RemindExplanation
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats

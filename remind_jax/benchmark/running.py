@@ -31,7 +31,6 @@ from remind_jax.session.growing_memory import return_freed_memory
 from remind_jax.session.run import run
 from remind_jax.sources.sampling import Sampling
 
-Regime = Literal["masks", "detector"]
 _KILLED = "the process ended during this run"
 _MAX_KILLS = 2
 _MIB = 1024 * 1024
@@ -47,13 +46,17 @@ class Setup:
 
     out: Path
     backbone: Backbone
-    regime: Regime = "masks"  # the scene's own masks, or those of a detector
-    detector: Path | None = None
+    detector: Path | None = None  # the scenes' own masks if left out
     detector_options: DetectorOptions | None = None
     sampling: Sampling = dataclasses.field(default_factory=Sampling)
     feature_cache: Path | None = None  # the user's cache folder if left out
     retry_failed: bool = False
     is_shown: bool = True  # how far each run is, where somebody looks on
+
+    @property
+    def regime(self) -> Literal["masks", "detector"]:
+        """Where detections come from."""
+        return "masks" if self.detector is None else "detector"
 
 
 Report = Callable[[Record, bool], None]  # the record, and whether it was there already
@@ -116,8 +119,8 @@ def _run_one(
 ) -> Record:
     reset_peak()
     result = run(
-        scene.open(setup.sampling, masks=setup.regime == "masks"),
-        detector=setup.detector if setup.regime == "detector" else None,
+        scene.open(setup.sampling, masks=setup.detector is None),
+        detector=setup.detector,
         detector_options=setup.detector_options,
         backbone=_keep_features(setup),
         config=contender.config,
@@ -234,9 +237,8 @@ def _fingerprint(
 
 
 def _describe_detector(setup: Setup) -> list[str] | None:
-    if setup.regime != "detector":
+    if setup.detector is None:
         return None
-    assert setup.detector is not None
     with setup.detector.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     return [digest, repr(setup.detector_options or DetectorOptions())]

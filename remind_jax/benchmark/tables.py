@@ -10,8 +10,6 @@ from remind_jax.benchmark.tours import AXES
 from remind_jax.files import make_folder
 from remind_jax.metrics.comparison import Column, ComparisonTable, Row
 
-FORMATS = (".md", ".csv", ".txt")
-
 _MAIN: tuple[str | Column, ...] = (
     "IDF1",
     Column("IDF1Settled", "percent", "higher", label="IDF1 settled"),
@@ -48,39 +46,32 @@ _MEASURED: tuple[str, ...] = (
 )
 
 
-def main_table(
-    runs: Sequence[Scored], titles: Mapping[str, str], title: str = ""
-) -> ComparisonTable:
-    """One row per contender over all scenes."""
+def make_tables(
+    runs: Sequence[Scored], titles: Mapping[str, str], regime: str, title: str = ""
+) -> dict[str, ComparisonTable]:
+    """Tables by the names of their files; the first is that of the main scores.
+
+    `titles` are those of contenders by name. Tours have one more, by what makes them hard.
+    """
+    by_title = {titles.get(name, name): own for name, own in by_contender(runs).items()}
     rows = []
-    for name, own in by_contender(runs).items():
+    for name, own in by_title.items():
         scores, intervals = summarize(own)
         num_failed = sum(run.strict is None for run in own)
         note = f"{num_failed} of {len(own)} scenes failed" if num_failed else ""
-        rows.append(Row(titles.get(name, name), scores, intervals, note))
+        rows.append(Row(name, scores, intervals, note))
     legend = [_UNDECIDED, _STEP]
     if any(row.intervals for row in rows):
         legend.append("Below scores: 95 % bootstrap intervals over scenes.")
-    return ComparisonTable(rows, _MAIN, legend, title)
-
-
-def resource_table(runs: Sequence[Scored], titles: Mapping[str, str]) -> ComparisonTable:
-    """Time and memory of each contender."""
-    rows = [
-        Row(titles.get(name, name), summarize(own)[0]) for name, own in by_contender(runs).items()
-    ]
-    return ComparisonTable(rows, _RESOURCES, _MEASURED, "Time and memory")
-
-
-def scene_table(runs: Sequence[Scored], titles: Mapping[str, str]) -> ComparisonTable:
-    """IDF1 by scene."""
-    return _cross(runs, titles, lambda run: run.record.scene, "IDF1 by scene")
-
-
-def axis_table(runs: Sequence[Scored], titles: Mapping[str, str]) -> ComparisonTable | None:
-    """IDF1 by what makes a rendered tour hard, three tours each; None for other scenes."""
-    known = [run for run in runs if _axis(run) in AXES]
-    return _cross(known, titles, _axis, "IDF1 by difficulty") if known else None
+    resources = [Row(row.name, row.scores) for row in rows]
+    tables = {
+        regime: ComparisonTable(rows, _MAIN, legend, title),
+        f"{regime}_resources": ComparisonTable(resources, _RESOURCES, _MEASURED, "Time and memory"),
+        f"{regime}_scenes": _cross(by_title, lambda run: run.record.scene, "IDF1 by scene"),
+    }
+    if any(map(_axis, runs)):
+        tables[f"{regime}_axes"] = _cross(by_title, _axis, "IDF1 by difficulty")
+    return tables
 
 
 def list_failures(runs: Sequence[Scored]) -> list[str]:
@@ -92,37 +83,32 @@ def list_failures(runs: Sequence[Scored]) -> list[str]:
     ]
 
 
-def save_tables(tables: Mapping[str, ComparisonTable], folder: Path) -> list[Path]:
+def save_tables(tables: Mapping[str, ComparisonTable], folder: Path) -> None:
     """Writes every table as Markdown, CSV and text."""
     make_folder(folder)
-    written = []
     for name, table in tables.items():
-        for suffix in FORMATS:
-            path = folder / f"{name}{suffix}"
-            table.save(path)
-            written.append(path)
-    return written
+        for suffix in (".md", ".csv", ".txt"):
+            table.save(folder / f"{name}{suffix}")
 
 
 def _cross(
-    runs: Sequence[Scored],
-    titles: Mapping[str, str],
-    group: Callable[[Scored], str],
-    title: str,
+    by_title: Mapping[str, list[Scored]], group: Callable[[Scored], str], title: str
 ) -> ComparisonTable:
-    """Contenders by groups of scenes."""
-    groups = list(dict.fromkeys(map(group, runs)))
+    """IDF1 of contenders by groups of scenes; those of group `""` are left out."""
+    runs = [run for own in by_title.values() for run in own]
+    groups = [label for label in dict.fromkeys(map(group, runs)) if label]
     rows = []
-    for name, own in by_contender(runs).items():
-        cells = {}
-        for label in groups:
-            scores, _ = summarize([run for run in own if group(run) == label])
-            if "IDF1" in scores:
-                cells[label] = scores["IDF1"]
-        rows.append(Row(titles.get(name, name), cells))
+    for name, own in by_title.items():
+        pooled = {
+            label: summarize([one for one in own if group(one) == label])[0] for label in groups
+        }
+        cells = {label: scores["IDF1"] for label, scores in pooled.items() if "IDF1" in scores}
+        rows.append(Row(name, cells))
     columns = [Column(label, "percent", "higher") for label in groups]
     return ComparisonTable(rows, columns, (), title)
 
 
 def _axis(run: Scored) -> str:
-    return run.record.scene.rpartition("-")[0]
+    """What makes a rendered tour hard; empty for other scenes."""
+    axis = run.record.scene.rpartition("-")[0]
+    return axis if axis in AXES else ""

@@ -43,8 +43,10 @@ class Calibration:
 
     def to_config(self) -> Config:
         """The configuration `remind` with these thresholds."""
-        values = {"base": CONFIG, "profile": self.made_for.name, "thresholds": self._nested()}
-        return load_config(values)
+        thresholds = nest(self.thresholds)
+        return load_config(
+            {"base": CONFIG, "profile": self.made_for.name, "thresholds": thresholds}
+        )
 
     def save(self, path: str | Path | None = None) -> Calibration:
         """Writes the profile; where runs with this backbone find it if no file is named.
@@ -56,11 +58,8 @@ class Calibration:
         made_for = self.made_for
         place = place_profile(PAPER_METHOD, made_for.backbone, made_for.fingerprint)
         target = place if path is None else _as_profile_path(path)
-        write_profile(target, CONFIG, made_for, self._nested())
+        write_profile(target, CONFIG, made_for, nest(self.thresholds))
         return dataclasses.replace(self, path=target)
-
-    def _nested(self) -> dict[str, Any]:
-        return nest(self.thresholds)
 
 
 def calibrate(
@@ -162,12 +161,7 @@ def estimate_from(
             compare_views(one.merge_parts(least), pairs, shares, config.static.switches.part_top)
             for one, pairs in zip(of_one, compared, strict=True)
         ]
-        evidence.append(
-            Evidence(
-                np.concatenate([part.value for part in parts]),
-                np.concatenate([part.present for part in parts]),
-            )
-        )
+        evidence.append(Evidence.join(parts))
     same = np.concatenate([pairs.same for pairs in compared])
     found = estimate(evidence[0], evidence[1], same, start) | {PART_MERGE: merge}
     # What the shipped profile of the reference features changes beside those.

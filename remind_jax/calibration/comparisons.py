@@ -7,7 +7,7 @@ parts, `D` feature dimension.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -75,7 +75,7 @@ def compare_ends(seen: Sightings, rng: np.random.Generator) -> Comparisons:
         others = [one for one in chosen if one != track and frames[one] & frames[track]]
         for queries, memories in ((last, first), (first, last)):
             for query in _spread(queries[track], QUERIES // 2):
-                rows += _rows(seen, int(query), track, others, memories.__getitem__, rng)
+                rows += _rows(seen, int(query), track, others, memories, rng)
     return Comparisons.of(rows)
 
 
@@ -84,16 +84,16 @@ def _rows(
     query: int,
     track: int,
     others: list[int],
-    remembered: Callable[[int], np.ndarray],
+    memories: Mapping[int, np.ndarray],
     rng: np.random.Generator,
 ) -> list[tuple[int, np.ndarray, bool, bool]]:
     """A query with what is remembered of its own object, and of some others."""
-    rows = [(query, _spread(remembered(track), VIEWS), True, True)]
-    class_of = {one: seen.class_id[remembered(one)[0]] for one in others}
+    rows = [(query, _spread(memories[track], VIEWS), True, True)]
+    class_of = {one: seen.class_id[memories[one][0]] for one in others}
     for alike in (True, False):
         of_kind = [one for one in others if (class_of[one] == seen.class_id[query]) == alike]
         for one in _choose(of_kind, OTHERS, rng):
-            rows.append((query, _spread(remembered(one), VIEWS), False, alike))
+            rows.append((query, _spread(memories[one], VIEWS), False, alike))
     return rows
 
 
@@ -162,7 +162,7 @@ def compare_views(
 
     Rules: method.md#channel-scores, method.md#visual-score.
     """
-    value, present = [np.zeros((0, 3))], [np.zeros((0, 3), bool)]
+    parts = [Evidence(np.zeros((0, 3)), np.zeros((0, 3), bool))]
     for first in range(0, len(comparisons.query), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         query, memory = comparisons.query[some], comparisons.memory[some]
@@ -171,9 +171,9 @@ def compare_views(
             _join_rings(views, query, memory, ring_shares),
             _best_parts(views, query, memory, part_top),
         )
-        value.append(np.stack([term for term, _ in terms], axis=1).astype(float))
-        present.append(np.stack([seen for _, seen in terms], axis=1))
-    return Evidence(np.concatenate(value), np.concatenate(present))
+        value, present = (np.stack(columns, axis=1) for columns in zip(*terms, strict=True))
+        parts.append(Evidence(value.astype(float), present))
+    return Evidence.join(parts)
 
 
 def _nearest(

@@ -6,7 +6,7 @@ Letters: `S` comparisons, `T` terms of the visual score: object, background, par
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -108,6 +108,14 @@ class Evidence:
 
     value: Float[np.ndarray, "S T"]
     present: Bool[np.ndarray, "S T"]
+
+    @classmethod
+    def join(cls, several: Sequence[Evidence]) -> Evidence:
+        """All comparisons, one after the other."""
+        return cls(
+            np.concatenate([one.value for one in several]),
+            np.concatenate([one.present for one in several]),
+        )
 
     def score(self, weights: Float[np.ndarray, "T"]) -> Float[np.ndarray, "S"]:
         """Mean of the terms that are present, 0 where none is."""

@@ -19,7 +19,6 @@ from remind_jax.calibration.comparisons import NONE, Sightings, Views
 from remind_jax.config import Config
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError
-from remind_jax.frame import Frame
 from remind_jax.masks.reduction import pad_masks
 from remind_jax.method import Method, get_method
 from remind_jax.metrics.pairing import box_iou
@@ -109,14 +108,13 @@ class _Describer:
     """Prepares and describes the frames of one scene with one backbone."""
 
     def __init__(self, config: Config, backbone: Backbone) -> None:
-        self._reader = Tracker(dataclasses.replace(config, backbone_profile=False), backbone)
+        # Reduces the masks of a frame.
+        self.prepare = Tracker(
+            dataclasses.replace(config, backbone_profile=False), backbone
+        ).prepare
         self._backbone, self._config = backbone, config
         self._static = dataclasses.replace(config.static, feature_dim=backbone.dim)
         self._thresholds = config.thresholds.as_arrays(config.static.scalar)
-
-    def prepare(self, frame: Frame) -> Prepared:
-        """Reduces the masks of a frame."""
-        return self._reader.prepare(frame)
 
     def describe(self, prepared: Prepared) -> Views:
         """The views of a frame, one per detection."""

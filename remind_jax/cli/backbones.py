@@ -9,8 +9,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import process
-from remind_jax.cli.flags import quiet_defaults
+from remind_jax.cli.flags import flags
 from remind_jax.printing.terminal import print_lines, print_table
 
 # What needs a word below the list; the other states are "none needed" and "here".
@@ -36,8 +35,7 @@ class Row:
     page: str | None = None  # where a person reads about the weights
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Backbones:
     """List what patch features can come from, with license and size.
 
@@ -52,18 +50,21 @@ class Backbones:
     names: Annotated[Positional[tuple[str, ...]], arg(metavar="[NAME ...]")] = ()
     json: bool = False  # print the list as JSON
 
-    def execute(self) -> int:
-        """Prints the list; returns the exit code."""
-        from remind_jax.backbone.registry import check_name, list_backbones
+    def execute(self) -> None:
+        """Prints the list."""
+        from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name, list_backbones
+        from remind_jax.backbone.vit_variants import VARIANTS
 
         for name in self.names:
             check_name(name)
-        rows = [describe(name) for name in self.names or _in_order(list_backbones())]
+        # The default, networks in the order of their table, then what takes a file.
+        order = [DEFAULT_BACKBONE, *VARIANTS]
+        order += [name for name in list_backbones() if name not in order]
+        rows = [describe(name) for name in self.names or order]
         if self.json:
             print(json.dumps([dataclasses.asdict(row) for row in rows], indent=1))
         else:
             _print(rows)
-        return process.FINE
 
 
 def describe(name: str) -> Row:
@@ -94,15 +95,6 @@ def describe(name: str) -> Row:
     )
 
 
-def _in_order(names: tuple[str, ...]) -> list[str]:
-    """The default first, then networks in the order of their table, then what takes a file."""
-    from remind_jax.backbone.registry import DEFAULT_BACKBONE
-    from remind_jax.backbone.vit_variants import VARIANTS
-
-    rest = [name for name in names if name != DEFAULT_BACKBONE and name not in VARIANTS]
-    return [DEFAULT_BACKBONE, *(name for name in VARIANTS if name in names), *rest]
-
-
 def _print(rows: list[Row]) -> None:
     lines = [("name", "license", "MiB", "patch", "dim", "weights")]
     for row in rows:
@@ -111,4 +103,6 @@ def _print(rows: list[Row]) -> None:
         lines.append((row.name, row.license or "", mib, patch, dim, row.weights))
     print_table(lines, is_text=(0, 1, 5))
     states = {row.weights for row in rows}
-    print_lines(f"Weights '{state}' {says}." for state, says in _NOTES.items() if state in states)
+    for state, says in _NOTES.items():
+        if state in states:
+            print_lines(f"Weights '{state}' {says}.")

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, UseAppendAction, arg
 
@@ -15,13 +14,12 @@ from remind_jax.cli.flags import (
     BackboneName,
     DetectionFlags,
     SamplingFlags,
-    quiet_defaults,
+    flags,
 )
 from remind_jax.errors import ConfigError
 from remind_jax.files import locked, refuse_folder
 
 if TYPE_CHECKING:
-    from remind_jax.benchmark.contenders import Contender
     from remind_jax.benchmark.records import Record
     from remind_jax.benchmark.scenes import Scene
     from remind_jax.benchmark.scoring import Scored
@@ -30,8 +28,7 @@ if TYPE_CHECKING:
 DEFAULT_FOLDER = Path("benchmarks-out")
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Benchmark:
     """Run many trackers on every scene of a data set and write tables of scores.
 
@@ -61,14 +58,15 @@ class Benchmark:
     retry_failed: bool = False  # run again what failed before
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print scores as JSON on stdout
-    sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
-    detection: DetectionFlags = dataclasses.field(default_factory=DetectionFlags)
+    sampling: SamplingFlags = SamplingFlags()
+    detection: DetectionFlags = DetectionFlags()
 
     def execute(self) -> int:
         """Runs what is missing, scores everything, writes tables; returns the exit code."""
         from remind_jax.backbone.opening import open_backbone
         from remind_jax.benchmark.contenders import make_contenders
         from remind_jax.benchmark.running import Setup, run_all
+        from remind_jax.benchmark.tables import make_tables, save_tables
         from remind_jax.detectors import OnnxDetector
 
         contenders = make_contenders([name for names in self.methods for name in names])
@@ -81,7 +79,6 @@ class Benchmark:
         setup = Setup(
             out=self.out,
             backbone=open_backbone(self.backbone, weights=self.weights, quiet=self.quiet),
-            regime="masks" if self.detector is None else "detector",
             detector=self.detector,
             detector_options=self.detection,
             sampling=self.sampling,
@@ -92,7 +89,11 @@ class Benchmark:
         with locked(self.out):
             records = run_all(setup, scenes, contenders, self._say_record)
         runs = self._score(records, scenes)
-        tables = self._make_tables(runs, contenders, scenes, setup.regime)
+        num_frames = sum(record.num_frames for record in records) // len(contenders)
+        about = f"{len(scenes)} scenes, {num_frames} frames, {setup.regime}, {self.backbone}"
+        titles = {contender.name: contender.title for contender in contenders}
+        tables = make_tables(runs, titles, setup.regime, about)
+        save_tables(tables, self.out / "tables")
         self._show(tables, runs)
         return process.FINE if any(run.strict for run in runs) else process.ERROR
 
@@ -121,36 +122,6 @@ class Benchmark:
             truth = read_truth(scene, self.sampling)
             scored += [score(self.out, r, truth) for r in records if r.scene == scene.name]
         return scored
-
-    def _make_tables(
-        self,
-        runs: list[Scored],
-        contenders: tuple[Contender, ...],
-        scenes: tuple[Scene, ...],
-        regime: Literal["masks", "detector"],
-    ) -> dict[str, ComparisonTable]:
-        from remind_jax.benchmark.tables import (
-            axis_table,
-            main_table,
-            resource_table,
-            save_tables,
-            scene_table,
-        )
-
-        titles = {contender.name: contender.title for contender in contenders}
-        frames = sum(run.record.num_frames for run in runs if run.record.contender in titles)
-        num_frames = frames // max(1, len(contenders))
-        what = f"{len(scenes)} scenes, {num_frames} frames, {regime}, {self.backbone}"
-        tables = {
-            regime: main_table(runs, titles, what),
-            f"{regime}_resources": resource_table(runs, titles),
-            f"{regime}_scenes": scene_table(runs, titles),
-        }
-        by_axis = axis_table(runs, titles)
-        if by_axis is not None:
-            tables[f"{regime}_axes"] = by_axis
-        save_tables(tables, self.out / "tables")
-        return tables
 
     def _show(self, tables: dict[str, ComparisonTable], runs: list[Scored]) -> None:
         from remind_jax.benchmark.tables import list_failures

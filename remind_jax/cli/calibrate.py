@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import process
 from remind_jax.cli.flags import (
     BackboneName,
     DetectionFlags,
     SamplingFlags,
-    past_the_parser,
-    quiet_defaults,
+    flags,
 )
 from remind_jax.cli.run import Layout, scene_options
 from remind_jax.errors import SourceError
@@ -26,8 +23,7 @@ from remind_jax.session.progress import RunLine
 _SHOWN = ("matching.match", "matching.min_visual", "appearance.duplicate")
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Calibrate:
     """Fit the thresholds of the paper's tracker ('--config remind') to a backbone.
 
@@ -54,12 +50,12 @@ class Calibrate:
     seed: int = 0  # of the choice of what is compared
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON
-    sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
-    detection: DetectionFlags = dataclasses.field(default_factory=DetectionFlags)
-    layout: Layout = dataclasses.field(default_factory=Layout)
+    sampling: SamplingFlags = SamplingFlags()
+    detection: DetectionFlags = DetectionFlags()
+    layout: Layout = Layout()
 
-    def execute(self) -> int:
-        """Calibrates and reports; returns the exit code."""
+    def execute(self) -> None:
+        """Calibrates and reports."""
         if not self.sources:
             raise SourceError("name the scenes to calibrate on: folders with masks")
         self.detection.check_used_by(self.detector)
@@ -71,8 +67,7 @@ class Calibrate:
         from remind_jax.calibration import calibrate
 
         obtain_named(self.backbone, self.weights, quiet=self.quiet)
-        shown = RunLine(self.backbone, None, is_shown=not self.quiet)
-        with past_the_parser(), shown:
+        with RunLine(self.backbone, None, is_shown=not self.quiet):
             made = calibrate(
                 list(self.sources),
                 backbone=self.backbone,
@@ -103,10 +98,7 @@ class Calibrate:
             if self.out is not None:
                 use = f"use it with --config {made.path}"
             print_lines(
-                [
-                    f"{what.backbone}: {what.same} comparisons of an object with itself, "
-                    f"{what.other} of two ({what.evidence}): {values}",
-                    f"{made.path}: {use}",
-                ]
+                f"{what.backbone}: {what.same} comparisons of an object with itself, "
+                f"{what.other} of two ({what.evidence}): {values}",
+                f"{made.path}: {use}",
             )
-        return process.FINE

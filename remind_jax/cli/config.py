@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,22 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, arg, subcommand
 
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name
-from remind_jax.cli import process
-from remind_jax.cli.flags import Assignments, BackboneName, load_config_with, quiet_defaults
+from remind_jax.cli.flags import Assignments, BackboneName, flags, load_config_with
 from remind_jax.errors import ConfigError
 from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
     from remind_jax.config import Config
-    from remind_jax.settings.record import Setting
 
 
-@dataclasses.dataclass(frozen=True)
+@flags
 class List:
     """Print the shipped configurations, and what each of them is."""
 
-    def execute(self) -> int:
+    def execute(self) -> None:
         """Prints one configuration per line."""
         from remind_jax.config import describe_config, list_configs
 
@@ -33,11 +30,9 @@ class List:
         width = max(map(len, names))
         for name in names:
             print(f"{name:<{width}}  {describe_config(name)}")
-        return process.FINE
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Show:
     """Print every value that runs with a configuration, as YAML for 'run --config'."""
 
@@ -45,30 +40,27 @@ class Show:
     backbone: BackboneName = DEFAULT_BACKBONE  # some thresholds fit it
     changes: Assignments = ()
 
-    def execute(self) -> int:
+    def execute(self) -> None:
         """Prints the configuration."""
         print(_as_yaml(_load(self.name, self.backbone, self.changes).to_dict()))
-        return process.FINE
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Describe:
     """Say what settings mean: value, unit, what a larger one does, what others call them."""
 
     keys: Annotated[Positional[tuple[str, ...]], arg(metavar="KEY ...")]  # settings or sections
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # whose settings and values
 
-    def execute(self) -> int:
+    def execute(self) -> None:
         """Prints a paragraph per setting."""
         if not self.keys:
             raise ConfigError("name the settings to describe, for example decision.new")
-        print_lines(describe_settings(load_config_with(self.config), self.keys))
-        return process.FINE
+        for line in describe_settings(load_config_with(self.config), self.keys):
+            print_lines(line)
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Diff:
     """Print the keys whose values differ in runs with two configurations."""
 
@@ -76,7 +68,7 @@ class Diff:
     second: Annotated[Positional[str], arg(metavar="[CONFIG]")] = "default"  # name, or YAML file
     backbone: BackboneName = DEFAULT_BACKBONE  # some thresholds fit it
 
-    def execute(self) -> int:
+    def execute(self) -> None:
         """Prints one line per differing key; settings that only one tracker has are counted."""
         first, second = (_load(name, self.backbone) for name in (self.first, self.second))
         shared = set(first.keys) & set(second.keys)
@@ -88,36 +80,32 @@ class Diff:
         for name, config in ((self.first, first), (self.second, second)):
             if num := len(set(config.keys) - shared):
                 lines.append(f"only in {name}: {num} settings of tracker '{config.tracker}'")
-        print_lines(lines)
-        return process.FINE
+        print_lines(*lines)
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Validate:
     """Check configurations; the first unknown key or wrong value gives exit code 1."""
 
     files: Annotated[Positional[tuple[str, ...]], arg(metavar="CONFIG ...")]  # names, or YAML files
 
-    def execute(self) -> int:
+    def execute(self) -> None:
         """Prints one line per valid configuration."""
         if not self.files:
             raise ConfigError("name the configurations to check, for example mine.yaml")
         for name in self.files:
             load_config_with(name)
             print(f"{name} is valid")
-        return process.FINE
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class ImportReference:
     """Translate settings of the original implementation: what differs from published."""
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]  # the original's YAML
     out: Path | None = None  # write to this file instead of printing
 
-    def execute(self) -> int:
+    def execute(self) -> None:
         """Prints or writes the translation."""
         from remind_jax.config import Config, load_config
         from remind_jax.config.dotted_keys import nest
@@ -131,10 +119,9 @@ class ImportReference:
             refuse_file(self.out, [self.file])
             with writing(self.out):
                 self.out.write_text(_as_yaml(tree) + "\n", encoding="utf-8")
-        return process.FINE
 
 
-@dataclasses.dataclass(frozen=True)
+@flags
 class ConfigVerb:
     """Print, describe, compare, check and import configurations.
 
@@ -156,9 +143,9 @@ class ConfigVerb:
         | Annotated[ImportReference, subcommand("import-reference")]
     )
 
-    def execute(self) -> int:
-        """Does what was chosen; returns the exit code."""
-        return self.action.execute()
+    def execute(self) -> None:
+        """Does what was chosen."""
+        self.action.execute()
 
 
 def _load(name: str, backbone: str, changes: Assignments = ()) -> Config:
@@ -196,17 +183,15 @@ def describe_settings(config: Config, names: Sequence[str]) -> Iterator[str]:
             full_key(name, settings, config.tracker, "'remind config describe'")
         ]
         for key in found:
-            yield from _describe(key, *settings[key])
-
-
-def _describe(key: str, value: Any, record: Setting) -> Iterator[str]:
-    shown = str(value).lower() if isinstance(value, bool) else value
-    yield f"{key}: {shown}{f' ({record.unit})' if record.unit else ''}"
-    facts = (
-        ("", record.meaning),
-        ("larger: ", record.more),
-        (f"at most {record.most}: ", record.why),
-        ("in the paper: ", record.symbol),
-        ("in the original: ", ", ".join((*record.own_keys, *record.decided_by))),
-    )
-    yield from (f"  {head}{words}" for head, words in facts if words)
+            value, record = settings[key]
+            shown = str(value).lower() if isinstance(value, bool) else value
+            yield f"{key}: {shown}{f' ({record.unit})' if record.unit else ''}"
+            for head, words in (
+                ("", record.meaning),
+                ("larger: ", record.more),
+                (f"at most {record.most}: ", record.why),
+                ("in the paper: ", record.symbol),
+                ("in the original: ", ", ".join((*record.own_keys, *record.decided_by))),
+            ):
+                if words:
+                    yield f"  {head}{words}"

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import process
-from remind_jax.cli.flags import quiet_defaults
+from remind_jax.cli.flags import flags
 from remind_jax.errors import ConfigError
 from remind_jax.printing.terminal import print_lines
 
@@ -18,8 +16,7 @@ if TYPE_CHECKING:
     from weights_convert.conversion import Conversion
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Convert:
     """Convert published weights of DINOv3, DINOv2 or DINO for 'remind run --weights'.
 
@@ -49,8 +46,8 @@ class Convert:
     json: bool = False  # print what was done as JSON
     quiet: bool = False  # say nothing but errors
 
-    def execute(self) -> int:
-        """Converts, checks and reports; returns the exit code."""
+    def execute(self) -> None:
+        """Converts, checks and reports."""
         if self.source is None:
             raise ConfigError("name the weight file to convert; 'remind backbones' lists networks")
         from weights_convert.conversion import convert
@@ -63,8 +60,14 @@ class Convert:
         if self.json:
             print(json.dumps(_facts(done), indent=1))
         elif not self.quiet:
-            _print_facts(done)
-        return process.FINE
+            print_lines(
+                f"{done.path}: {done.variant.name}, {done.num_bytes / 2**20:.1f} MiB",
+                f"  source   {done.layout}, sha256 {done.source_sha256}",
+                f"  tensors  sha256 {done.data_sha256}",
+                f"  licence  {done.licence}",
+            )
+            if done.dropped:
+                print_lines(f"  left out, needed in training only: {', '.join(done.dropped)}")
 
 
 def _facts(done: Conversion) -> dict[str, object]:
@@ -78,15 +81,3 @@ def _facts(done: Conversion) -> dict[str, object]:
         "licence": done.licence,
         "dropped": list(done.dropped),
     }
-
-
-def _print_facts(done: Conversion) -> None:
-    lines = [
-        f"{done.path}: {done.variant.name}, {done.num_bytes / 2**20:.1f} MiB",
-        f"  source   {done.layout}, sha256 {done.source_sha256}",
-        f"  tensors  sha256 {done.data_sha256}",
-        f"  licence  {done.licence}",
-    ]
-    if done.dropped:
-        lines.append(f"  left out, needed in training only: {', '.join(done.dropped)}")
-    print_lines(lines)

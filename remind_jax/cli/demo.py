@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from collections.abc import Mapping
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import Assignments, load_config_with, quiet_defaults
+from remind_jax.cli.flags import Assignments, flags, load_config_with
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.run import track
 from remind_jax.cli.summary import print_summary, summary_facts
@@ -26,8 +25,7 @@ NAME = "demo"
 SCENE_NAME = "scene"  # what was rendered, in the output folder
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Demo:
     """Render a tour through two rooms, track its objects and compare with the truth.
 

@@ -9,24 +9,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from remind_jax.cli import process
-from remind_jax.cli.flags import quiet_defaults
+from remind_jax.cli.flags import flags
 from remind_jax.errors import OptionError, RemindError
 from remind_jax.files import refuse_file, writing
+from remind_jax.files.limits import MAX_FRAMES
 from remind_jax.printing.terminal import print_lines, print_table
 from remind_jax.settings.ranges import check_option
 
 if TYPE_CHECKING:
     from remind_jax.metrics import SetEvaluation
 
+_MAX_RESAMPLES = 1_000_000
 FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "cvat", "run"]
 
-_MAX_RESAMPLES = 1_000_000
-_MAX_ABSENCE = 1_000_000
 
-
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Eval:
     """Score tracks of one or several trackers against ground truth.
 
@@ -68,23 +65,24 @@ class Eval:
     resamples: int = 1000  # draws of the bootstrap intervals in tables; 0 for none
     quiet: bool = False  # print no table
 
-    def execute(self) -> int:
-        """Scores, prints and writes; returns the exit code."""
+    def execute(self) -> None:
+        """Scores, prints and writes."""
         from remind_jax.metrics.scene_evaluation import table_of
 
         check_option("resamples", self.resamples, 0, _MAX_RESAMPLES)
-        if self.num_frames is not None and self.num_frames < 1:
-            raise OptionError(f"'num_frames' is {self.num_frames}; give 1 or more", "num_frames")
+        check_option("min_absence_frames", self.min_absence_frames, 1, MAX_FRAMES)
+        if self.num_frames is not None:
+            check_option("num_frames", self.num_frames, 1, MAX_FRAMES)
         for path in (*self._table_files, *([] if self.json is None else [self.json])):
             refuse_file(path, (self.truth, *self.predictions), is_read=_may_be_tracks)
-        check_option("min_absence_frames", self.min_absence_frames, 1, _MAX_ABSENCE)
         if self.min_absence_frames > 1 and self.protocol == "paper":
             raise OptionError(
                 "'min_absence_frames' is of the standard protocol; leave it out",
                 "min_absence_frames",
             )
         if self.protocol == "paper":
-            return self._execute_paper()
+            self._execute_paper()
+            return
         evaluations = self._evaluate()
         if self.json is not None:
             content = {"predictions": {e.name: e.to_json() for e in evaluations}}
@@ -97,13 +95,12 @@ class Eval:
                 table.print()
         if len(evaluations) == 1 and not self.quiet:
             print_evaluation(evaluations[0])
-        return process.FINE
 
     @property
     def _table_files(self) -> tuple[Path, ...]:
         return tuple(path for group in self.table for path in group)
 
-    def _execute_paper(self) -> int:
+    def _execute_paper(self) -> None:
         from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
         from remind_jax.metrics.scene_evaluation import name_predictions
 
@@ -125,7 +122,6 @@ class Eval:
             table.save(path)
         if not self.quiet:
             table.print()
-        return process.FINE
 
     def _evaluate(self) -> list[SetEvaluation]:
         from remind_jax.metrics.scene_evaluation import SceneOptions, evaluate, name_predictions
@@ -181,7 +177,7 @@ def print_evaluation(evaluation: SetEvaluation) -> None:
         lines = [f"{evaluation.failure_note}:", *reasons, *lines]
     elif evaluation.num_scenes > 1:
         lines = [f"{evaluation.num_scenes} scenes, counts added", *lines]
-    print_lines(lines)
+    print_lines(*lines)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import process
-from remind_jax.cli.flags import quiet_defaults
+from remind_jax.cli.flags import flags
 from remind_jax.errors import OutputError
 from remind_jax.printing.terminal import output_width, printable
 
@@ -18,8 +16,7 @@ if TYPE_CHECKING:
     from remind_jax.outputs.result import Result
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Explain:
     """Say in words why a detection became what it became.
 
@@ -39,8 +36,8 @@ class Explain:
     detection: Annotated[int | None, arg(metavar="I")] = None  # row in the frame, from 0
     json: bool = False  # print JSON; its keys are described in docs/explain.md
 
-    def execute(self) -> int:
-        """Prints the explanation; returns the exit code."""
+    def execute(self) -> None:
+        """Prints the explanation."""
         from remind_jax.outputs.result import Result
 
         result = Result.load(self.run)
@@ -49,13 +46,12 @@ class Explain:
             raise OutputError(f"'{self.run}' holds no trace; {hint}run again with --trace")
         if self.detection is None:
             self._list(result)
-            return process.FINE
+            return
         explanation = result.explain(self.frame, self.detection)
         if self.json:
             print(json.dumps(explanation.to_json(), indent=1, ensure_ascii=False))
         else:
             print(printable(explanation.to_text(output_width())))
-        return process.FINE
 
     def _list(self, result: Result) -> None:
         """Prints the detections of the frame."""

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import process
-from remind_jax.cli.flags import quiet_defaults
+from remind_jax.cli.flags import flags
 from remind_jax.errors import OutputError
 from remind_jax.files import refuse_file, replace_file
 from remind_jax.printing.terminal import print_lines
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Export:
     """Write a run for CVAT (for video), to be corrected there and scored against here.
 
@@ -31,8 +28,8 @@ class Export:
     overwrite: bool = False  # replace an existing file
     quiet: bool = False  # say nothing but errors
 
-    def execute(self) -> int:
-        """Reads the run and writes the file; returns the exit code."""
+    def execute(self) -> None:
+        """Reads the run and writes the file."""
         from remind_jax.formats.cvat import to_cvat
         from remind_jax.outputs.result import Result
         from remind_jax.outputs.writer import CVAT_NAME
@@ -48,5 +45,4 @@ class Export:
             to_cvat(result.tracks, result.info.name, result.class_names, result.info.frame_size),
         )
         if not self.quiet:
-            print_lines([f"{out}: {len(result.objects())} identities, {len(result)} frames"])
-        return process.FINE
+            print_lines(f"{out}: {len(result.objects())} identities, {len(result)} frames")

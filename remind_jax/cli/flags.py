@@ -9,7 +9,16 @@ import reprlib
 import types
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union, get_args, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    TypeVar,
+    Union,
+    dataclass_transform,
+    get_args,
+    get_type_hints,
+)
 
 from tyro.conf import Positional, UseAppendAction, arg
 from tyro.constructors import (
@@ -96,15 +105,16 @@ def _show_default(default: str) -> str:
     return "" if default in _NOTHING else f"(default: {default})"
 
 
-def quiet_defaults(flags: type[VerbT]) -> type[VerbT]:
-    """Leaves "(default: None)" and "(default: False)" out of the help of a class of flags."""
-    for name, kind in get_type_hints(flags, include_extras=True).items():
-        flags.__annotations__[name] = Annotated[kind, arg(help_behavior_hint=_show_default)]
-    return flags
+@dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
+def flags(given: type[VerbT]) -> type[VerbT]:
+    """A frozen dataclass of flags, whose help leaves out defaults that say nothing."""
+    made = dataclasses.dataclass(frozen=True)(given)
+    for name, kind in get_type_hints(made, include_extras=True).items():
+        made.__annotations__[name] = Annotated[kind, arg(help_behavior_hint=_show_default)]
+    return made
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class SamplingFlags(Sampling):
     """Frames are chosen by number (--start, --end) first, then by --stride or --fps."""
 
@@ -113,8 +123,7 @@ class SamplingFlags(Sampling):
             super().__post_init__()
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class DetectionFlags(DetectorOptions):
     """Thresholds and class lists of the detector."""
 
@@ -142,8 +151,7 @@ class PageAddress:
         self.where = where
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class LiveFlags(LiveOptions):
     """Cameras (0, /dev/video0) and streams (rtsp://, http://)."""
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import process
-from remind_jax.cli.flags import quiet_defaults
+from remind_jax.cli.flags import flags
 from remind_jax.errors import OptionError, OutputError
 from remind_jax.files import refuse_file, refuse_folder, remove_unfinished, replace_file
 from remind_jax.printing.terminal import print_lines
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Label:
     """Correct the identities of a run by hand, and write them as truth.
 
@@ -37,8 +34,8 @@ class Label:
     overwrite: bool = False  # replace what is there
     quiet: bool = False  # say nothing but errors
 
-    def execute(self) -> int:
-        """Writes the page or the truth; returns the exit code."""
+    def execute(self) -> None:
+        """Writes the page or the truth."""
         if self.apply is None:
             if self.out is not None:
                 raise OptionError(
@@ -49,26 +46,24 @@ class Label:
             if self.overwrite:
                 reason = "'overwrite' is for the truth; give --apply EDITS too"
                 raise OptionError(reason, "overwrite")
-            return self._write_page()
-        if self.out is None:
+            self._write_page()
+        elif self.out is None:
             raise OptionError(f"'{self.apply}' is to be applied; say where to, by --out", "out")
-        return self._write_truth(self.apply, self.out)
+        else:
+            self._write_truth(self.apply, self.out)
 
-    def _write_page(self) -> int:
+    def _write_page(self) -> None:
         from remind_jax.outputs.label_edits import write_label_page
 
         page, result = write_label_page(self.run)
         if not self.quiet:
             num = sum(len(tracks) for tracks in result.tracks)
             print_lines(
-                [
-                    f"{page}: {len(result.objects())} identities, {num} detections; open it in a "
-                    "browser, and apply what it saves with --apply"
-                ]
+                f"{page}: {len(result.objects())} identities, {num} detections; open it in a "
+                "browser, and apply what it saves with --apply"
             )
-        return process.FINE
 
-    def _write_truth(self, edits_file: Path, out: Path) -> int:
+    def _write_truth(self, edits_file: Path, out: Path) -> None:
         from remind_jax.formats.cvat import to_cvat
         from remind_jax.formats.instance_maps import write_instance_maps
         from remind_jax.outputs.label_edits import apply_edits, read_edits
@@ -89,8 +84,7 @@ class Label:
             replace_file(out, to_cvat(truth.tracks, info.name, truth.class_names, info.frame_size))
         if not self.quiet:
             num = len(truth.objects())
-            print_lines([f"{out}: {num} identities, {len(truth)} frames, {len(edits.edits)} edits"])
-        return process.FINE
+            print_lines(f"{out}: {num} identities, {len(truth)} frames, {len(edits.edits)} edits")
 
 
 def _is_empty(path: Path) -> bool:

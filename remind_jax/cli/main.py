@@ -56,8 +56,8 @@ Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
 class Verb(Protocol):
     """A verb with its flags, as parsed."""
 
-    def execute(self) -> int:
-        """Does what was asked; returns the exit code.
+    def execute(self) -> int | None:
+        """Does what was asked; returns the exit code, if it is another than that of success.
 
         Raises:
           RemindError: If anything that was named is not accepted, or nothing can be written.
@@ -122,7 +122,7 @@ def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
         verb = _parse(words)
         process.prepare_process()
         with process.ending_well() as signals:
-            code = verb.execute()
+            code = verb.execute() or process.FINE
         was_ended = signals and code == process.INTERRUPTED
         return process.stopped_by(signals[0]) if was_ended else code
     except SystemExit as stop:  # help was shown, or wrong usage explained
@@ -170,36 +170,29 @@ def _complain_of_memory(said: str) -> None:
 def _parse(words: Sequence[str]) -> Verb:
     """The verb with its flags; shows help and exits, or refuses wrong usage."""
     parse: Any = tyro.cli  # its stubs know no unions made at run time
-    options: Any = {
-        "config": (
-            tyro.conf.FlagCreatePairsOff,
-            tyro.conf.OmitArgPrefixes,
-            tyro.conf.OmitSubcommandPrefixes,
-            tyro.conf.DisallowNone,
-        ),
-        "registry": KINDS,
-    }
-    verb = VERBS.get(words[0])
-    if verb is not None:  # alone, so that no other verb is suggested
-        with _in_one_sentence():
-            return parse(
-                verb,
-                prog=f"remind {words[0]}",
-                description=inspect.getdoc(verb),
-                args=words[1:],
-                **options,
-            )
-    choices = tuple(
-        Annotated[verb, subcommand(name, description=_first_line(verb))]
-        for name, verb in VERBS.items()
-    )
+    asked: Any = VERBS.get(words[0])
+    if asked is not None:  # alone, so that no other verb is suggested
+        about = {"prog": f"remind {words[0]}", "description": inspect.getdoc(asked)}
+        words = words[1:]
+    else:
+        about = {"prog": "remind", "description": DESCRIPTION}
+        choices = tuple(
+            Annotated[verb, subcommand(name, description=str(verb.__doc__).partition("\n")[0])]
+            for name, verb in VERBS.items()
+        )
+        asked = Union[choices]  # noqa: UP007
     with _in_one_sentence():
         return parse(
-            Union[choices],  # noqa: UP007
-            prog="remind",
-            description=DESCRIPTION,
+            asked,
             args=words,
-            **options,
+            config=(
+                tyro.conf.FlagCreatePairsOff,
+                tyro.conf.OmitArgPrefixes,
+                tyro.conf.OmitSubcommandPrefixes,
+                tyro.conf.DisallowNone,
+            ),
+            registry=KINDS,
+            **about,
         )
 
 
@@ -217,10 +210,6 @@ def _in_one_sentence() -> Iterator[None]:
         text = re.sub("[\u2500-\u257f]|-{8,}", "", box.getvalue().partition("\n")[2])
         parts = [" ".join(part.split()) for part in re.split(r"\n\s*\n", text)]
         raise UsageError("; ".join(filter(None, parts))) from stop
-
-
-def _first_line(verb: type[Verb]) -> str:
-    return (inspect.getdoc(verb) or "").partition("\n")[0]
 
 
 if __name__ == "__main__":

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, arg
 
 from remind_jax import files
-from remind_jax.cli import process
-from remind_jax.cli.flags import UsageError, quiet_defaults
+from remind_jax.cli.flags import UsageError, flags
 from remind_jax.errors import OutputError
 from remind_jax.printing.terminal import print_lines, print_table
 from remind_jax.printing.words import listing, plural
@@ -33,8 +32,7 @@ _CHANGES = {
 }
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Memory:
     """List the objects that a memory file knows, name them, and correct who is who.
 
@@ -65,8 +63,8 @@ class Memory:
     json: bool = False  # print the objects as JSON
     quiet: bool = False  # say nothing but errors
 
-    def execute(self) -> int:
-        """Reads, changes, writes and lists; returns the exit code."""
+    def execute(self) -> None:
+        """Reads, changes, writes and lists."""
         change = _parse(self.change)
         if self.out is not None and change is None:
             raise UsageError("--out is for a changed memory; say what to change, or leave it out")
@@ -108,10 +106,9 @@ class Memory:
         if self.json:
             print(json.dumps([_facts(one) for one in objects], ensure_ascii=False, indent=1))
         elif not self.quiet:
-            print_lines([*said, f"{self.out or path}: {about}"])
+            print_lines(*said, f"{self.out or path}: {about}")
             if change is None and objects:
                 _print_objects(objects)
-        return process.FINE
 
 
 def _parse(words: Sequence[str]) -> tuple[str, list[int], str] | None:
@@ -184,21 +181,18 @@ def _facts(known: RememberedObject) -> dict[str, Any]:
 
 
 def _print_objects(objects: Sequence[RememberedObject]) -> None:
-    rows: list[tuple[str, ...]] = [
-        ("id", "class", "name", "frames seen", "first seen", "last seen", "merged", "pictures")
-    ]
-    for known in objects:
-        merged = ", ".join(map(str, known.merged))
-        rows.append(
-            (
-                str(known.object_id),
-                known.label,
-                known.name,
-                str(known.num_frames),
-                str(known.first),
-                str(known.last),
-                merged,
-                str(len(known.pictures)),
-            )
+    heads = ("id", "class", "name", "frames seen", "first seen", "last seen", "merged", "pictures")
+    rows = [
+        (
+            str(known.object_id),
+            known.label,
+            known.name,
+            str(known.num_frames),
+            str(known.first),
+            str(known.last),
+            ", ".join(map(str, known.merged)),
+            str(len(known.pictures)),
         )
-    print_table(rows, is_text=(1, 2, 4, 5, 6))
+        for known in objects
+    ]
+    print_table([heads, *rows], is_text=(1, 2, 4, 5, 6))

@@ -73,17 +73,13 @@ def report_failure(error: BaseException, chatter: str = "") -> None:
             file.write(text)
         where = f"the traceback is in '{file.name}'"
     except OSError as full:
-        where = f"its traceback cannot be kept ({full.strerror}); its last line is {_last(error)}"
+        (*_, last) = traceback.extract_tb(error.__traceback__)
+        where = f"its traceback cannot be kept ({full.strerror}); its last line is "
+        where += f"{last.filename}:{last.lineno}"
     complain(
         f"this should not have happened ({what}); what was written so far is kept, and {where}: "
         "please report it"
     )
-
-
-def _last(error: BaseException) -> str:
-    """Where an error was raised."""
-    frames = traceback.extract_tb(error.__traceback__)
-    return f"{frames[-1].filename}:{frames[-1].lineno}" if frames else "unknown"
 
 
 def prepare_process() -> None:

@@ -22,8 +22,8 @@ from remind_jax.cli.flags import (
     LiveFlags,
     SamplingFlags,
     TrackerName,
+    flags,
     load_config_with,
-    quiet_defaults,
 )
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 DEFAULT_FOLDER = Path("runs")
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Layout:
     """What to read where a folder leaves a choice."""
 
@@ -51,8 +50,7 @@ class Layout:
     allow_size_change: bool = False  # go on when a recording's frame size changes, else skip frames
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Run:
     """Track every object of a video and say who is who in every frame.
 
@@ -98,15 +96,22 @@ class Run:
     announce_after: Annotated[int | None, arg(metavar="N")] = None
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
-    sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
-    detection: DetectionFlags = dataclasses.field(default_factory=DetectionFlags)
-    layout: Layout = dataclasses.field(default_factory=Layout)
-    live_source: LiveFlags = dataclasses.field(default_factory=LiveFlags)
+    sampling: SamplingFlags = SamplingFlags()
+    detection: DetectionFlags = DetectionFlags()
+    layout: Layout = Layout()
+    live_source: LiveFlags = LiveFlags()
 
     def execute(self) -> int:
         """Runs, shows progress, prints the summary; returns the exit code."""
+        from remind_jax.sources import open_source
+
         self.detection.check_used_by(self.detector)
-        source = self._open()
+        source = open_source(
+            self.source,
+            sampling=self.sampling,
+            **scene_options(self.layout, self.masks),
+            **self.live_source.as_options(),
+        )
         name = re.sub(r"[^\w.+-]+", "_", source.name).strip("._") or "run"
         out = self.out or DEFAULT_FOLDER / name
         agnostic = (("input.class_agnostic=true",),) if self.class_agnostic else ()
@@ -126,7 +131,7 @@ class Run:
             process.complain("stopped")  # before the first frame
             return process.stopped_by(display.signal)
         if not (display.num_done or self.quiet or self.json):
-            print_lines([f"the run in {out} is finished already; nothing was done"])
+            print_lines(f"the run in {out} is finished already; nothing was done")
         if self.json:
             print(json.dumps(summary_facts(result, out), indent=1))
         elif not self.quiet:
@@ -168,16 +173,6 @@ class Run:
         if wants_browser and has_display():
             with contextlib.suppress(webbrowser.Error, OSError):
                 webbrowser.open(address)
-
-    def _open(self) -> Source:
-        from remind_jax.sources import open_source
-
-        return open_source(
-            self.source,
-            sampling=self.sampling,
-            **scene_options(self.layout, self.masks),
-            **self.live_source.as_options(),
-        )
 
 
 def track(display: RunDisplay, out: Path, **options: Any) -> Result:

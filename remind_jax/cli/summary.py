@@ -33,7 +33,7 @@ def summary_facts(result: Result, out: Path) -> dict[str, Any]:
 
 def print_summary(result: Result, out: Path, notes: Iterable[str] = ()) -> None:
     """Prints the same for people on stdout."""
-    print_lines(on_one_line(line) for line in [*notes, *summary_lines(result, out)])
+    print_lines(*map(on_one_line, [*notes, *summary_lines(result, out)]))
 
 
 def summary_lines(result: Result, out: Path) -> list[str]:

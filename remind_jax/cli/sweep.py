@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import BackboneName, SamplingFlags, TrackerName, quiet_defaults
+from remind_jax.cli.flags import BackboneName, SamplingFlags, TrackerName, flags
 from remind_jax.cli.progress import follow_sweep
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout, scene_options
 from remind_jax.errors import ConfigError, SweepError
@@ -40,8 +40,7 @@ Ranges = Annotated[
 ]
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Sweep:
     """Score many settings on annotated scenes: a table, the best, what they trade.
 
@@ -89,12 +88,12 @@ class Sweep:
     top: int = 10  # settings shown
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
-    sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
-    layout: Layout = dataclasses.field(default_factory=Layout)
+    sampling: SamplingFlags = SamplingFlags()
+    layout: Layout = Layout()
 
     def execute(self) -> int:
         """Sweeps, writes the tables, prints the summary; returns the exit code."""
-        plan = self._plan()
+        space, settings = self._check()
         out = self.out or DEFAULT_FOLDER / "sweep"
         from remind_jax.backbone.opening import obtain_named
         from remind_jax.sweeps.records import FILE_NAME
@@ -104,7 +103,7 @@ class Sweep:
         obtain_named(self.backbone, self.weights, quiet=self.quiet)
         with follow_sweep(is_shown=not self.quiet) as follow:
             bench = self._open(out, follow)
-            result, sections = plan(bench)
+            result, sections = self._sweep(bench, space, settings)
         if not result.complete and not result.rows:
             return process.INTERRUPTED
         sections = [self._describe(result), *sections]
@@ -115,7 +114,7 @@ class Sweep:
             print(json.dumps(self._facts(result, out), indent=1))
         elif not self.quiet:
             print_markdown("\n\n".join(sections))
-            print_lines(["", f"All {len(result.settings)} settings: {out / TABLE_FILE}"])
+            print_lines("", f"All {len(result.settings)} settings: {out / TABLE_FILE}")
         return process.FINE if result.complete else process.INTERRUPTED
 
     @property
@@ -127,8 +126,8 @@ class Sweep:
         """Two scores that are laid against each other."""
         return self.objectives if len(self.objectives) == 2 else ("IDF1", "Ambiguous")
 
-    def _plan(self) -> Any:
-        """What is to be done with the bench, checked before any work."""
+    def _check(self) -> tuple[dict[str, list[Value]], list[Setting]]:
+        """What is to be varied, and the settings to try if these are known before any work."""
         if not self.sources:
             raise SweepError("name the scenes to sweep over: folders with masks")
         from remind_jax.sweeps import bench as limits
@@ -167,22 +166,12 @@ class Sweep:
                 "there is nothing to sweep over; give --set KEY=VALUES, for example "
                 "--set decision.new=0:2:0.5, or --settings FILE"
             )
-        if self.search is not None:
-            return lambda bench: (self._search(bench, space), [])
-        if self.sensitivity:
-            return lambda bench: self._vary(bench, space)
-        if self.random is not None:
-            number = self.random
-            return lambda bench: self._try(bench, self._draw(bench, space, number))
         from remind_jax.sweeps import grid, read_settings
 
-        settings = grid(space) if self.settings is None else read_settings(self.settings)
-        return lambda bench: self._try(bench, settings)
-
-    def _draw(self, bench: SceneBench, space: dict[str, list[Value]], number: int) -> list[Setting]:
-        from remind_jax.sweeps import draw
-
-        return draw(bench.complete_space(space), number, self.seed)
+        if self.settings is not None:
+            return space, read_settings(self.settings)
+        is_grid = not (self.random or self.search or self.sensitivity)
+        return space, grid(space) if is_grid else []
 
     def _open(self, out: Path, progress: Callable[[Progress], None]) -> SceneBench:
         from remind_jax.sweeps.bench import SceneBench
@@ -207,39 +196,38 @@ class Sweep:
             **more,
         )
 
-    def _try(self, bench: SceneBench, settings: list[Setting]) -> tuple[SweepResult, list[str]]:
+    def _sweep(
+        self, bench: SceneBench, space: dict[str, list[Value]], settings: list[Setting]
+    ) -> tuple[SweepResult, list[str]]:
+        """Scores settings as asked for; gives what is to be said about them beside the result."""
+        from remind_jax.sweeps import draw
         from remind_jax.sweeps.cross_validation import cross_validate
-        from remind_jax.sweeps.search import GIVEN
+        from remind_jax.sweeps.search import GIVEN, search
+        from remind_jax.sweeps.sensitivity import curves_to_markdown, move_one_at_a_time
 
+        if self.search is not None:
+            result = search(
+                bench,
+                space,
+                number=self.number or 128,
+                at_once=self.at_once,
+                sampler=self.search,
+                objectives=self.objectives,
+                seed=self.seed,
+            )
+            return result, []
+        if self.sensitivity:
+            curves, result = move_one_at_a_time(
+                bench, space or None, number=self.number or 7, metric=self._best_by
+            )
+            return result, [f"## One threshold at a time\n\n{curves_to_markdown(curves)}"]
+        if self.random is not None:
+            settings = draw(bench.complete_space(space), self.random, self.seed)
         result = bench.run([GIVEN, *settings])
         if len(bench.scenes) < 2 or not result.complete:
             return result, []
         table = cross_validate(result, self._best_by).to_markdown()
         return result, [f"## Chosen on the other scenes\n\n{table}"]
-
-    def _search(self, bench: SceneBench, space: dict[str, list[Value]]) -> SweepResult:
-        from remind_jax.sweeps.search import search
-
-        assert self.search is not None
-        return search(
-            bench,
-            space,
-            number=self.number or 128,
-            at_once=self.at_once,
-            sampler=self.search,
-            objectives=self.objectives,
-            seed=self.seed,
-        )
-
-    def _vary(
-        self, bench: SceneBench, space: dict[str, list[Value]]
-    ) -> tuple[SweepResult, list[str]]:
-        from remind_jax.sweeps.sensitivity import curves_to_markdown, move_one_at_a_time
-
-        curves, result = move_one_at_a_time(
-            bench, space or None, number=self.number or 7, metric=self._best_by
-        )
-        return result, [f"## One threshold at a time\n\n{curves_to_markdown(curves)}"]
 
     def _describe(self, result: SweepResult) -> str:
         best = result.best(self._best_by, self.top)

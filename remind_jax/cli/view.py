@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import process
-from remind_jax.cli.flags import quiet_defaults
+from remind_jax.cli.flags import flags
 from remind_jax.cli.summary import print_summary
 from remind_jax.errors import SourceError
 from remind_jax.files import refuse_file, refuse_folder
@@ -19,8 +17,7 @@ if TYPE_CHECKING:
     from remind_jax.sources import Source
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class View:
     """Draw overlay and report of a run again, finished or not.
 
@@ -35,8 +32,8 @@ class View:
     source: Path | None = None  # where the frames are now, if they were moved
     quiet: bool = False  # say nothing but errors
 
-    def execute(self) -> int:
-        """Draws everything and prints the summary; returns the exit code."""
+    def execute(self) -> None:
+        """Draws everything and prints the summary."""
         from remind_jax.outputs.result import Result
         from remind_jax.outputs.writer import FILE_NAMES, render_again
         from remind_jax.sources import reopen_source
@@ -56,7 +53,6 @@ class View:
         result = render_again(self.run, frames)
         if not self.quiet:
             print_summary(result, self.run, notes)
-        return process.FINE
 
 
 def _open_moved(info: RunInfo, source: Path) -> Source:

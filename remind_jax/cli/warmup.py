@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 import reprlib
 from pathlib import Path
@@ -10,8 +9,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import process
-from remind_jax.cli.flags import Assignments, BackboneName, load_config_with, quiet_defaults
+from remind_jax.cli.flags import Assignments, BackboneName, flags, load_config_with
 from remind_jax.errors import ConfigError
 from remind_jax.session.progress import RunLine
 from remind_jax.settings.ranges import check_option
@@ -20,8 +18,7 @@ from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS
 _MAX_SIDE_PX = 16_384
 
 
-@quiet_defaults
-@dataclasses.dataclass(frozen=True)
+@flags
 class Warmup:
     """Compile ahead for frames of some sizes, so that later starts wait less.
 
@@ -47,8 +44,8 @@ class Warmup:
     changes: Assignments = ()
     quiet: bool = False  # say nothing but errors
 
-    def execute(self) -> int:
-        """Compiles and says how long it took; returns the exit code."""
+    def execute(self) -> None:
+        """Compiles and says how long it took."""
         check_option("detections", self.detections, 0, MOST_DETECTIONS)
         check_option("objects", self.objects, 0, MOST_OBJECTS)
         sizes = [_parse_size(size) for size in self.sizes]
@@ -76,7 +73,6 @@ class Warmup:
         if not self.quiet:
             folder = program_folder()
             print(f"kept in {folder}" if folder else f"nothing is kept, as {VARIABLE} says")
-        return process.FINE
 
 
 def _parse_size(text: str) -> tuple[int, int]:

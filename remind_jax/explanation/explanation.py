@@ -65,9 +65,14 @@ class Explanation(abc.ABC):
 
     def to_text(self, width: int | None = None) -> str:
         """The same as a page of plain text, without a line end at its end."""
+        why = [
+            line
+            for place, text in enumerate(self.why, start=1)
+            for line in wrap(text, width, head=f"{place:3d}. ", indent=5)
+        ]
         sections = (
             self._headline(width),
-            ["why", *number_lines(self.why, width)],
+            ["why", *why],
             *(section.to_lines(width) for section in self.sections()),
         )
         return "\n\n".join("\n".join(lines) for lines in sections)
@@ -94,9 +99,7 @@ class Explanation(abc.ABC):
         ]
 
 
-@functools.cache
-def _kinds(record: type) -> dict[str, Any]:
-    return get_type_hints(record)
+_kinds = functools.cache(get_type_hints)
 
 
 def read_row(record: type[Read], table: Any, at: Any, **others: Any) -> Read:
@@ -138,15 +141,6 @@ def wrap(text: str, width: int | None, *, head: str = "", indent: int = 2) -> li
     """The lines of a paragraph; all but the first are indented."""
     most = min(width or _MAX_WIDTH, _MAX_WIDTH)
     return textwrap.wrap(text, most, initial_indent=head, subsequent_indent=" " * indent)
-
-
-def number_lines(sentences: Sequence[str], width: int | None) -> list[str]:
-    """Numbered sentences."""
-    return [
-        line
-        for place, text in enumerate(sentences, start=1)
-        for line in wrap(text, width, head=f"{place:3d}. ", indent=5)
-    ]
 
 
 def lay_out(

@@ -182,10 +182,10 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answers, or refuses."""
         if not is_known_host(self.headers.get("Host"), self.server.bound):
-            self._refuse(HTTPStatus.MISDIRECTED_REQUEST)
+            self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
             return
         if self.headers.get("Sec-Fetch-Site") == "cross-site":
-            self._refuse(HTTPStatus.FORBIDDEN)
+            self.send_error(HTTPStatus.FORBIDDEN)
             return
         path, _, query = self.path.partition("?")
         if path in _FILES:
@@ -201,7 +201,7 @@ class _Handler(BaseHTTPRequestHandler):
             is_number = key.isascii() and key.isdigit() and len(key) < 10
             self._answer(self.server.view.picture_of(int(key)) if is_number else None, "image/jpeg")
         else:
-            self._refuse(HTTPStatus.NOT_FOUND)
+            self.send_error(HTTPStatus.NOT_FOUND)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Says nothing."""
@@ -215,16 +215,13 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, content: bytes | None, kind: str) -> None:
         if content is None:
-            self._refuse(HTTPStatus.NOT_FOUND)
+            self.send_error(HTTPStatus.NOT_FOUND)
             return
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
         self.end_headers()
         self.wfile.write(content)
-
-    def _refuse(self, status: HTTPStatus) -> None:
-        self.send_error(status)
 
     def end_headers(self) -> None:
         """Sends the headers, those that every answer has among them."""

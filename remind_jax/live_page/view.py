@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import itertools
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -41,8 +40,8 @@ class _Object:
 
     label: str
     object_id: int  # as announced
-    first_s: float
-    last_s: float
+    first_s: float  # in this run
+    last_s: float  # NaN if it was not seen in this run
     num_frames: int = 0
     spans: collections.deque[tuple[float, float]] = dataclasses.field(
         default_factory=lambda: collections.deque(maxlen=MAX_SPANS)
@@ -84,9 +83,9 @@ class LiveView:
         self._frame: tuple[np.ndarray | None, Tracks] | None = None
         self._memory: MemoryUse | None = None
         self._objects: dict[int, _Object] = {}  # by their ids in memory
-        self._earlier: dict[int, Any] = {}  # not seen in this run, as announced
+        self._earlier: dict[int, _Object] = {}  # not seen in this run, by their announced ids
         self._names: Mapping[int, str] = {}
-        self._in_view: list[int] = []
+        self._in_view: set[int] = set()
         self._arrived = self._now_s = 0.0
         self._shown_at = collections.deque[float](maxlen=_RECENT)
         self._drawn: tuple[int, bytes] | None = None
@@ -95,7 +94,10 @@ class LiveView:
         """Takes what is known before the first frame, as `Tracker.objects` tells it."""
         with self._changed:
             latest = sorted(objects, key=lambda one: one.last, reverse=True)
-            self._earlier = {one.object_id: one for one in latest}
+            self._earlier = {
+                one.object_id: _Object(one.label, one.object_id, np.nan, np.nan, one.num_frames)
+                for one in latest
+            }
             self._names = {one.object_id: one.name for one in latest}
 
     def show(
@@ -113,7 +115,7 @@ class LiveView:
             now = self._clock()
             for gone, kept in merges:
                 self._merge(int(gone), int(kept))
-            self._in_view = []
+            self._in_view = set()
             for row, (memory_id, object_id) in enumerate(
                 zip(memory_ids, tracks.object_id.tolist(), strict=True)
             ):
@@ -145,11 +147,9 @@ class LiveView:
         """What the page writes, as `json` can."""
         with self._changed:
             tracks = None if self._frame is None else self._frame[1]
-            in_view = set(self._in_view)
-            absent = [o for key, o in self._objects.items() if key not in in_view]
-            absent.sort(key=lambda one: -one.last_s)
-            latest = sorted(self._objects.values(), key=lambda one: -one.last_s)[:MAX_ROWS]
-            keys = {id(one): key for key, one in self._objects.items()}
+            latest = sorted(self._objects.items(), key=lambda item: -item[1].last_s)
+            absent = [(key, one) for key, one in latest if key not in self._in_view]
+            rows = sorted((one for _, one in latest[:MAX_ROWS]), key=lambda one: one.first_s)
             return {
                 "version": self._version,
                 "title": self._title,
@@ -162,15 +162,14 @@ class LiveView:
                 "in_view": [] if tracks is None else self._list_rows(tracks),
                 "remembered": [
                     {
-                        "key": keys[id(one)] if one.picture is not None else None,
+                        "key": key if one.picture is not None else None,
                         "name": one.title(self._names),
                         "color": one.color,
-                        "unseen_s": self._now_s - one.last_s,
+                        "unseen_s": None if np.isnan(one.last_s) else self._now_s - one.last_s,
                         "frames": one.num_frames,
                     }
-                    for one in absent[:MAX_LISTED]
-                ]
-                + self._list_earlier(MAX_LISTED - len(absent)),
+                    for key, one in [*absent, *self._earlier.items()][:MAX_LISTED]
+                ],
                 "timeline": {
                     "from_s": max(0.0, self._now_s - WINDOW_S),
                     "to_s": max(self._now_s, 1e-3),
@@ -180,7 +179,7 @@ class LiveView:
                             "color": one.color,
                             "spans": [s for s in one.spans if s[1] >= self._now_s - WINDOW_S],
                         }
-                        for one in sorted(latest, key=lambda one: one.first_s)
+                        for one in rows
                     ],
                 },
             }
@@ -238,18 +237,6 @@ class LiveView:
             for row in range(len(tracks))
         ]
 
-    def _list_earlier(self, most: int) -> list[dict[str, Any]]:
-        return [
-            {
-                "key": None,
-                "name": title_of(one.label, one.object_id, self._names),
-                "color": to_hex(identity_color(one.object_id)),
-                "unseen_s": None,
-                "frames": one.num_frames,
-            }
-            for one in itertools.islice(self._earlier.values(), max(0, most))
-        ]
-
     def _see(self, memory_id: int, object_id: int, label: str, time_s: float) -> None:
         earlier = self._earlier.pop(object_id, None)
         if memory_id not in self._objects:
@@ -258,7 +245,7 @@ class LiveView:
         one.object_id = object_id
         one.num_frames += 0 if earlier is None else earlier.num_frames
         one.see(time_s)
-        self._in_view.append(memory_id)
+        self._in_view.add(memory_id)
 
     def _merge(self, gone: int, kept: int) -> None:
         former = self._objects.pop(gone, None)

@@ -36,9 +36,7 @@ def read_tracks(folder: Path) -> Sequence[Tracks]:
     """The frames of a run. Raises OutputError if it is none, damaged, or frames are missing."""
     from remind_jax.outputs import store
 
-    tracks = store.read_detections(folder / RUN_FILE)[1]
-    store.check_all_there(folder, tracks, store.read_run_json(folder / store.RUN_NAME))
-    return tracks
+    return store.read_run(folder)[1]
 
 
 def read_run_rows(folder: Path, name: str) -> TrackRows:

@@ -11,11 +11,7 @@ from jaxtyping import Float, UInt8
 
 from remind_jax.formats.firm import firm_rows
 from remind_jax.masks.run_length import cut_masks
-from remind_jax.outputs.drawing import (
-    NO_IMAGE_GRAY,
-    fit_image,
-    identity_color,
-)
+from remind_jax.outputs.drawing import NO_IMAGE_GRAY, fit_image, identity_color
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.tracks import Tracks
 
@@ -50,7 +46,6 @@ class Sighting:
     position: int  # of the first frame of the visit in the run, 0, 1, 2, ...
     absent_frames: int  # before the visit; 0 at first sight
     picture_position: int  # of the frame of the best view
-    picture_frame: int  # number of that frame
     image: UInt8[np.ndarray, "S S 3"]  # best view of the visit: RGB, outlined, S = CROP_PX
 
 
@@ -100,7 +95,6 @@ class SightingCollector:
                 self.sightings[visit.place] = dataclasses.replace(
                     self.sightings[visit.place],
                     picture_position=self._position,
-                    picture_frame=tracks.frame_index,
                     image=crop_detection(image, tracks, row),
                 )
         self._position += 1
@@ -125,7 +119,6 @@ class SightingCollector:
                     position=self._position,
                     absent_frames=absent,
                     picture_position=self._position,
-                    picture_frame=tracks.frame_index,
                     image=_NO_VIEW,
                 )
             )

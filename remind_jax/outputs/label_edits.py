@@ -33,14 +33,18 @@ LABEL_PAGE_NAME = "label.html"
 _SCRIPTS = (report.SCRIPT_NAME, "label_page.js")
 
 
-class Merge(msgspec.Struct, tag="merge", tag_field="edit", forbid_unknown_fields=True, frozen=True):
+class _Edit(msgspec.Struct, tag_field="edit", forbid_unknown_fields=True, frozen=True):
+    """One correction."""
+
+
+class Merge(_Edit, tag="merge", frozen=True):
     """All detections of an identity belong to another one."""
 
     id: Count
     into: Count
 
 
-class Move(msgspec.Struct, tag="move", tag_field="edit", forbid_unknown_fields=True, frozen=True):
+class Move(_Edit, tag="move", frozen=True):
     """The detections of an identity in some frames belong to another one, or to none."""
 
     id: Count
@@ -49,9 +53,7 @@ class Move(msgspec.Struct, tag="move", tag_field="edit", forbid_unknown_fields=T
     to: Count | None
 
 
-class Assign(
-    msgspec.Struct, tag="assign", tag_field="edit", forbid_unknown_fields=True, frozen=True
-):
+class Assign(_Edit, tag="assign", frozen=True):
     """One detection belongs to an identity, or to none."""
 
     frame: Count

@@ -24,11 +24,7 @@ from remind_jax.explanation.explanation import to_jsonable
 from remind_jax.outputs.drawing import encode_jpeg, identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.overlay import OVERLAY_NAME, is_playable, shown_fps
-from remind_jax.outputs.presence import (
-    ObjectHistory,
-    Span,
-    join_positions,
-)
+from remind_jax.outputs.presence import Span, join_positions
 from remind_jax.outputs.result import COMPARISON_HEADS, Result
 from remind_jax.tracks import Tracks
 
@@ -87,7 +83,17 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
         "explanations": pack_explanations(result),
         "fps": shown_fps(info.fps),
         "classes": list(class_of),
-        "frames": [_frame_data(tracks, class_of) for tracks in result.tracks],
+        "frames": [
+            {
+                "frame": tracks.frame_index,
+                "time_s": round(float(tracks.time_s), 3),
+                "name": tracks.name,
+                "detections": [
+                    _detection_data(tracks, row, class_of) for row in range(len(tracks))
+                ],
+            }
+            for tracks in result.tracks
+        ],
         "outcomes": [outcome.name.lower() for outcome in Outcome],
         "reasons": [reason.name.lower() for reason in Reason],
         "identities": [
@@ -113,7 +119,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
                     if sighting.object_id == row.object_id
                 ],
             }
-            for row in by_first_sight(result)
+            for row in sorted(result.objects(), key=lambda row: row.first_frame)
         ],
         "comparison": [COMPARISON_HEADS, *result.comparison] if result.comparison else [],
         "ambiguous": spans_with(result, Outcome.AMBIGUOUS),
@@ -156,15 +162,12 @@ def pack_explanations(result: Result) -> dict[str, Any] | None:
 
 def _explain_frame(result: Result, tracks: Tracks) -> dict[str, Any] | None:
     """What the page says about the detections of a frame; None without any."""
-    explained = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
-    if not explained:
-        return None
-    return {
-        "detections": [
-            {"name": one.name, "why": one.why, "sections": to_jsonable([*one.sections()])}
-            for one in explained
-        ]
-    }
+    explained = (result.explain(tracks.frame_index, row) for row in range(len(tracks)))
+    detections = [
+        {"name": one.name, "why": one.why, "sections": to_jsonable([*one.sections()])}
+        for one in explained
+    ]
+    return {"detections": detections} if detections else None
 
 
 def _pack(content: Any) -> str:
@@ -185,7 +188,6 @@ def read_sightings(path: Path) -> list[Sighting]:
                 position=crop["position"],
                 absent_frames=crop["absent_frames"],
                 picture_position=crop["picture_position"],
-                picture_frame=run["frames"][crop["picture_position"]]["frame"],
                 image=_image_from_address(crop["image"]),
             )
             for who in run["identities"]
@@ -227,15 +229,6 @@ def _frame_decided(result: Result, object_id: int, position: int) -> int:
     (row, *_) = np.flatnonzero(tracks.object_id == object_id)
     at = result.explain(tracks.frame_index, int(row)).decided_at
     return -1 if at is None or at < tracks.frame_index else at
-
-
-def _frame_data(tracks: Tracks, class_of: Mapping[str, int]) -> dict[str, Any]:
-    return {
-        "frame": tracks.frame_index,
-        "time_s": round(float(tracks.time_s), 3),
-        "name": tracks.name,
-        "detections": [_detection_data(tracks, row, class_of) for row in range(len(tracks))],
-    }
 
 
 def _detection_data(tracks: Tracks, row: int, class_of: Mapping[str, int]) -> list[Any]:
@@ -298,11 +291,6 @@ def _to_script_json(content: dict[str, Any]) -> str:
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return text
-
-
-def by_first_sight(result: Result) -> list[ObjectHistory]:
-    """All identities over time."""
-    return sorted(result.objects(), key=lambda row: row.first_frame)
 
 
 def spans_with(result: Result, *outcomes: Outcome) -> tuple[Span, ...]:

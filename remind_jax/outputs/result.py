@@ -184,7 +184,7 @@ class Result(Printable):
         """
         run_dir = files.as_path(run_dir, "the folder of the run", OutputError)
         files.make_folder(run_dir)
-        with store.DetectionsWriter(run_dir / store.DETECTIONS_NAME, self.info.to_json()) as file:
+        with store.detections_writer(run_dir / store.DETECTIONS_NAME, self.info) as file:
             for tracks in self.tracks:
                 file.add(tracks)
         self.save_trace(run_dir)
@@ -224,12 +224,10 @@ class Result(Printable):
           OutputError: If the folder holds no run or the run is damaged.
         """
         run_dir = as_path(run_dir, "the folder of a run", OutputError)
-        info, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
+        info, tracks, run = store.read_run(run_dir)
         if names := info.object_names:
             tracks = tuple(dataclasses.replace(frame, names=names) for frame in tracks)
         trace = open_archive(run_dir, info.tracker)
-        run = store.read_run_json(run_dir / store.RUN_NAME)
-        store.check_all_there(run_dir, tracks, run)
         if run is None:
             return cls(tracks, info, complete=False, trace=trace)
         said = msgspec.structs.asdict(run)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-from jaxtyping import Float
 from msgspec import Meta
 
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
@@ -41,13 +40,15 @@ Milliseconds = Annotated[float, Meta(ge=0.0, le=1e12)]
 
 # Keys of a detection, and the fields of `Tracks` that they are.
 _CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
-_INTEGERS = {
-    "object_id": "object_id",
-    "pending_id": "pending_id",
-    "area": "areas",
-    "instance_id": "instance_ids",
+_NUMBERS = {
+    "object_id": ("object_id", np.int32),
+    "pending_id": ("pending_id", np.int32),
+    "area": ("areas", np.int32),
+    "instance_id": ("instance_ids", np.int32),
+    "score": ("score", np.float64),
+    "confidence": ("confidence", np.float64),
+    "detector_score": ("detector_scores", np.float64),
 }
-_REALS = {"score": "score", "confidence": "confidence", "detector_score": "detector_scores"}
 
 
 class DetectionRow(msgspec.Struct, frozen=True):
@@ -146,16 +147,16 @@ def _detection_to_json(tracks: Tracks, row: int) -> dict[str, Any]:
     return {
         "label": tracks.labels[row],
         **{key: kind(getattr(tracks, key)[row]).name.lower() for key, kind in _CODES.items()},
-        **{key: int(getattr(tracks, field)[row]) for key, field in _INTEGERS.items()},
-        **{key: _number(getattr(tracks, field)[row]) for key, field in _REALS.items()},
+        **{key: _number(getattr(tracks, field)[row]) for key, (field, _) in _NUMBERS.items()},
         "candidates": [list(pair) for pair in candidates],
         "box": [_number(side) for side in tracks.boxes[row]],
         "rle": tracks.rles[row]["counts"].decode("ascii"),
     }
 
 
-def _number(value: Any) -> float | None:
-    number = float(value)
+def _number(value: Any) -> float | int | None:
+    """As `json` can write it; None if it is not finite."""
+    number = value.item() if isinstance(value, np.generic) else value
     return number if math.isfinite(number) else None
 
 
@@ -175,33 +176,28 @@ def tracks_of(frame: FrameRow) -> Tracks:
         for column, (object_id, score) in enumerate(row.candidates):
             candidate_id[place, column] = object_id
             candidate_score[place, column] = np.nan if score is None else score
-    height, width_px = frame.size
-    size = [height, width_px]
     try:
-        rles = tuple({"size": list(size), "counts": row.rle.encode("ascii")} for row in rows)
+        rles = tuple({"size": [*frame.size], "counts": row.rle.encode("ascii")} for row in rows)
     except UnicodeEncodeError as error:
         raise OutputError("a mask is damaged: its code is no ASCII text") from error
+    columns: dict[str, Any] = {
+        key: np.array([kind[getattr(row, key).upper()] for row in rows], np.int32)
+        for key, kind in _CODES.items()
+    }
+    for key, (field, dtype) in _NUMBERS.items():
+        columns[field] = np.array([getattr(row, key) for row in rows], dtype)
     return Tracks(
         frame_index=frame.frame,
         source_index=frame.source_index,
         time_s=frame.time_s,  # pyright: ignore[reportArgumentType] (as it was written)
         name=frame.name,
-        frame_size=(height, width_px),
-        outcome=np.array([Outcome[row.outcome.upper()] for row in rows], np.int32),
-        reason=np.array([Reason[row.reason.upper()] for row in rows], np.int32),
-        status=np.array([Status[row.status.upper()] for row in rows], np.int32),
-        object_id=np.array([row.object_id for row in rows], np.int32),
-        pending_id=np.array([row.pending_id for row in rows], np.int32),
-        score=_reals([row.score for row in rows]),
-        confidence=_reals([row.confidence for row in rows]),
+        frame_size=frame.size,
         candidate_id=candidate_id,
         candidate_score=candidate_score,
         labels=tuple(row.label for row in rows),
-        boxes=_reals([side for row in rows for side in row.box]).reshape(num, 4),
-        areas=np.array([row.area for row in rows], np.int32),
-        detector_scores=_reals([row.detector_score for row in rows]),
-        instance_ids=np.array([row.instance_id for row in rows], np.int32),
+        boxes=np.array([row.box for row in rows], float).reshape(num, 4),
         rles=rles,
+        **columns,
     )
 
 
@@ -219,11 +215,6 @@ def check_masks(frames: Iterable[Tracks]) -> None:
                 f"the mask of detection {row} in frame {frame.frame_index} is damaged: its code is "
                 f"no mask of {height} x {width} pixels (height x width)"
             )
-
-
-def _reals(values: list[float | None]) -> Float[np.ndarray, "values"]:
-    """None becomes NaN."""
-    return np.array(values, float)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -260,6 +251,10 @@ class RunInfo(Printable):
     # of the memory that the run went on from
     known_objects: Annotated[tuple[KnownObject, ...], Meta(max_length=1_000_000)] = ()
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.config.get("tracker"), str):
+            raise ValueError("its `config` names no `tracker`")
+
     def to_json(self) -> dict[str, Any]:
         """The same as a dictionary that `json` can write."""
         return msgspec.to_builtins(self)
@@ -271,18 +266,7 @@ class RunInfo(Printable):
         Raises:
           OutputError: If a key is missing or of another kind.
         """
-        where = "the description of the run"
-        return check(content, RunInfo, where, refused=OutputError).checked(where)
-
-    def checked(self, where: str) -> RunInfo:
-        """This one, if its configuration names a tracker, as every configuration does.
-
-        Raises:
-          OutputError: If it does not.
-        """
-        if not isinstance(self.config.get("tracker"), str):
-            raise OutputError(f"{where}: its `config` names no `tracker`")
-        return self
+        return check(content, RunInfo, "the description of the run", refused=OutputError)
 
     @property
     def object_names(self) -> dict[int, str]:

@@ -5,13 +5,12 @@ Written line by line; a last line cut off in the middle is left out when it is r
 
 from __future__ import annotations
 
-import abc
 import contextlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from remind_jax.errors import OutputError
 from remind_jax.files import check_regular, replace_file, writing
@@ -37,28 +36,25 @@ _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 
 
 class FrameWriter(contextlib.AbstractContextManager):
-    """Writes text frame by frame; every frame is on disk when `add` returns."""
+    """Writes text frame by frame; every frame is on disk when `add` returns.
 
-    def __init__(self, path: Path, *, append: bool = False) -> None:
-        self._path = path
+    A new file begins with `head`; to the end of another one frames are added.
+    """
+
+    def __init__(
+        self, path: Path, head: str, text_of: Callable[[Tracks], str], *, append: bool = False
+    ) -> None:
+        self._path, self._text_of = path, text_of
         with writing(path):
             self._file = path.open("a" if append else "w", encoding="utf-8", newline="\n")
             if not append:
-                self._write_head(self._file)
+                self._file.write(head)
                 self._file.flush()
-
-    @abc.abstractmethod
-    def _write_head(self, file: TextIO) -> None:
-        """Writes what stands before the frames."""
-
-    @abc.abstractmethod
-    def _write_frame(self, file: TextIO, tracks: Tracks) -> None:
-        """Writes one frame."""
 
     def add(self, tracks: Tracks) -> None:
         """Appends one frame."""
         with writing(self._path):
-            self._write_frame(self._file, tracks)
+            self._file.write(self._text_of(tracks))
             self._file.flush()
 
     def close(self) -> None:
@@ -70,22 +66,14 @@ class FrameWriter(contextlib.AbstractContextManager):
         self.close()
 
 
-class DetectionsWriter(FrameWriter):
+def detections_writer(path: Path, info: RunInfo, *, append: bool = False) -> FrameWriter:
     """Writes `detections.jsonl`."""
-
-    def __init__(self, path: Path, info: dict[str, Any], *, append: bool = False) -> None:
-        self._info = info
-        super().__init__(path, append=append)
-
-    def _write_head(self, file: TextIO) -> None:
-        _write_line(file, {"format": FORMAT, "version": VERSION, "info": self._info})
-
-    def _write_frame(self, file: TextIO, tracks: Tracks) -> None:
-        _write_line(file, tracks_to_json(tracks))
+    head = _to_line({"format": FORMAT, "version": VERSION, "info": info.to_json()})
+    return FrameWriter(path, head, lambda tracks: _to_line(tracks_to_json(tracks)), append=append)
 
 
-def _write_line(file: TextIO, content: dict[str, Any]) -> None:
-    file.write(json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n")
+def _to_line(content: dict[str, Any]) -> str:
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n"
 
 
 def _say_lacking(path: Path) -> str:
@@ -142,19 +130,22 @@ def read_detections(path: Path) -> tuple[RunInfo, tuple[Tracks, ...]]:
     return info, tuple(frames)
 
 
-def check_all_there(folder: Path, tracks: Sequence[Tracks], run: RunRecord | None) -> None:
-    """Makes sure that no frame is missing from the record of a run that is complete.
+def read_run(folder: Path) -> tuple[RunInfo, tuple[Tracks, ...], RunRecord | None]:
+    """Reads the record of a run, and `run.json`: None if the run ended before it was written.
 
     Raises:
-      OutputError: If the record was cut off since.
+      OutputError: If the folder holds no run, the run is damaged, or it is complete and frames are
+        missing from its record.
     """
-    if run is None or not run.complete or run.summary is None:
-        return
-    if run.summary.frames != len(tracks):
+    info, tracks = read_detections(folder / DETECTIONS_NAME)
+    run = read_run_json(folder / RUN_NAME)
+    counted = run.summary if run is not None and run.complete else None
+    if counted is not None and counted.frames != len(tracks):
         raise OutputError(
             f"'{folder / DETECTIONS_NAME}' holds {len(tracks)} frames, and '{RUN_NAME}' beside it "
-            f"counts {run.summary.frames}; {_RESTORE}"
+            f"counts {counted.frames}; {_RESTORE}"
         )
+    return info, tracks, run
 
 
 def write_run_json(path: Path, content: dict[str, Any]) -> None:
@@ -169,9 +160,7 @@ def read_run_json(path: Path) -> RunRecord | None:
     if not path.exists():
         return None
     try:
-        run = read_json(path, RunRecord, refused=OutputError)
-        run.info.checked(f"'{path}', `info`")
-        return run
+        return read_json(path, RunRecord, refused=OutputError)
     except OutputError as error:
         raise OutputError(
             f"{error}, or delete the file to open the run without its timings"
@@ -194,4 +183,4 @@ def _read_start(path: Path, line: bytes) -> RunInfo:
             f"'{path}' has format version {start.version}, this remind-jax reads up to {VERSION}; "
             "upgrade remind-jax"
         )
-    return decode_json(bytes(start.info), RunInfo, where, refused=OutputError).checked(where)
+    return decode_json(bytes(start.info), RunInfo, where, refused=OutputError)

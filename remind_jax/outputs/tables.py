@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
@@ -59,15 +60,21 @@ def _round(value: float | None) -> float | None:
     return None if value is None else round(value, 6)
 
 
-class CsvWriter(FrameWriter):
+def csv_writer(path: Path, *, append: bool = False) -> FrameWriter:
     """Writes `tracks.csv`; text is guarded (`files/csv_cells.py`)."""
+    return FrameWriter(
+        path,
+        _to_lines([CSV_COLUMNS]),
+        lambda tracks: _to_lines(row.values() for row in detection_rows(tracks)),
+        append=append,
+    )
 
-    def _write_head(self, file: TextIO) -> None:
-        write_row(file, CSV_COLUMNS)
 
-    def _write_frame(self, file: TextIO, tracks: Tracks) -> None:
-        for row in detection_rows(tracks):
-            write_row(file, row.values())
+def _to_lines(rows: Iterable[Iterable[Any]]) -> str:
+    text = io.StringIO()
+    for row in rows:
+        write_row(text, row)
+    return text.getvalue()
 
 
 def write_tables(

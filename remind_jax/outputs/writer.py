@@ -27,39 +27,27 @@ from remind_jax.tracks import Tracks
 
 
 class KeptTracks:
-    """A list of frames that can be added to and gone through.
+    """A list of frames on disk, that can be added to and gone through.
 
-    On disk they are in a file without a name, which is gone with the process that wrote it, so that
-    nothing but this object ever reads it.
+    They are in a file without a name, which is gone with the process that wrote it, so that nothing
+    but this object ever reads it.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
+    def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._frames: list[Tracks] = []
         self._num = 0
-        self._file = None
-        if folder is not None:
-            with writing(folder):
-                self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
-            weakref.finalize(self, self._file.close)
-
-    def __len__(self) -> int:
-        return self._num
+        with writing(folder):
+            self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
+        weakref.finalize(self, self._file.close)
 
     def append(self, tracks: Tracks) -> None:
         """Adds a frame. Raises OutputError if the disk is full."""
         self._num += 1
-        if self._file is None or self._folder is None:
-            self._frames.append(tracks)
-            return
         with writing(self._folder):
             self._file.seek(0, 2)
             pickle.dump(tracks, self._file, pickle.HIGHEST_PROTOCOL)
 
     def __iter__(self) -> Iterator[Tracks]:
-        if self._file is None:
-            yield from self._frames
-            return
         self._file.flush()
         place = 0
         for _ in range(self._num):
@@ -151,9 +139,9 @@ class RunWriter:
         detections = self.folder / (store.DETECTIONS_NAME + part)
         table = self.folder / (CSV_NAME + part)
         self._detections = stack.enter_context(
-            store.DetectionsWriter(detections, self._info.to_json(), append=append)
+            store.detections_writer(detections, self._info, append=append)
         )
-        self._csv = stack.enter_context(tables.CsvWriter(table, append=append))
+        self._csv = stack.enter_context(tables.csv_writer(table, append=append))
 
     def end_repeating(self) -> None:
         """From now on frames are added that were not done before.
@@ -205,8 +193,8 @@ class RunWriter:
         with (
             files.replacing(detections) as new_detections,
             files.replacing(table) as new_table,
-            store.DetectionsWriter(new_detections, self._info.to_json()) as records,
-            tables.CsvWriter(new_table) as rows,
+            store.detections_writer(new_detections, self._info) as records,
+            tables.csv_writer(new_table) as rows,
         ):
             for tracks in result.tracks:
                 records.add(tracks)
@@ -237,21 +225,16 @@ def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> 
     folder = Path(run_dir)
     result = Result.load(folder)
     with files.locked(folder):
-        _render(folder, result, source)
+        sightings = report.read_sightings(folder / report.REPORT_NAME) if source is None else []
+        has_overlay = overlay.is_playable(folder / OVERLAY_NAME)
+        if source is not None or not sightings or not has_overlay:
+            images = (None for _ in result.tracks) if source is None else _images(result, source)
+            drawn = _draw_overlay_again(folder, result, images, keep=source is None and has_overlay)
+            sightings = sightings or drawn
+        _write_products(folder, result, sightings)
+        if not (folder / store.RUN_NAME).exists():
+            result.save_run_json(folder)
     return result
-
-
-def _render(folder: Path, result: Result, source: Iterable[Frame] | None) -> None:
-    """Draws what `render_again` draws."""
-    sightings = report.read_sightings(folder / report.REPORT_NAME) if source is None else []
-    has_overlay = overlay.is_playable(folder / OVERLAY_NAME)
-    if source is not None or not sightings or not has_overlay:
-        images = (None for _ in result.tracks) if source is None else _images(result, source)
-        drawn = _draw_overlay_again(folder, result, images, keep=source is None and has_overlay)
-        sightings = sightings or drawn
-    _write_products(folder, result, sightings)
-    if not (folder / store.RUN_NAME).exists():
-        result.save_run_json(folder)
 
 
 def add_comparison(run_dir: Path, result: Result, rows: tuple[tuple[str, ...], ...]) -> Result:
@@ -267,8 +250,8 @@ def _draw_overlay_again(
 ) -> list[gallery.Sighting]:
     """Passes over the run once: writes the overlay unless it is kept, and collects the crops."""
     collector = gallery.SightingCollector()
-    path, fps = folder / OVERLAY_NAME, _usable_fps(result.info.fps)
-    with contextlib.nullcontext() if keep else overlay.OverlayVideo(path, fps) as video:
+    path = folder / OVERLAY_NAME
+    with contextlib.nullcontext() if keep else overlay.OverlayVideo(path, result.info.fps) as video:
         for image, tracks in zip(images, result.tracks, strict=True):
             collector.add(image, tracks)
             if video is not None:

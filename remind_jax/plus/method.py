@@ -74,7 +74,7 @@ METHOD = Method(
     ),
     Host(
         occupied=count_occupied,
-        explainer_name="remind_jax.explanation.plus.explainer:PlusExplainer",
+        explainer_name="remind_jax.explanation.plus:PlusExplainer",
         merges=find_merges,
         delayed=DelayedAnswers,
         evidence=evidence,

@@ -7,7 +7,7 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from remind_jax.errors import printable as printable
@@ -37,7 +37,7 @@ def wide_console(width: int | None = None) -> Console:
     return Console(width=width or _WIDE, height=_HIGH)
 
 
-def print_lines(lines: Iterable[str]) -> None:
+def print_lines(*lines: str) -> None:
     """Prints sentences, wrapped between words on a terminal; paths stay in one piece."""
     width = output_width()
     for line in map(printable, lines):
@@ -67,7 +67,7 @@ def print_markdown(text: str) -> None:
             heads, _, *rest = rows
             print_table([heads, *rest])
             rows = []
-        print_lines([line.lstrip("#").lstrip()])
+        print_lines(line.lstrip("#").lstrip())
 
 
 def print_table(

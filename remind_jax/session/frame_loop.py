@@ -89,7 +89,7 @@ class FrameLoop:
         self.progress: Callable[[Progress], None] | None = None
         self.view: LiveView | None = None
         self.record: FrameRecord | None = None
-        self._decided = KeptTracks()
+        self._decided: list[Tracks] | KeptTracks = []
         self._last_index: int | None = None  # of the last frame that was written
         self._events: list[Event] = []
         self._grown_at: list[int] = []

@@ -9,7 +9,7 @@ from remind_jax.benchmark import running
 from remind_jax.benchmark.running import peak_rss_mib, reset_peak
 from remind_jax.benchmark.scenes import find_scenes
 from remind_jax.benchmark.scoring import read_truth, score
-from remind_jax.benchmark.tables import list_failures, main_table
+from remind_jax.benchmark.tables import list_failures, make_tables
 
 from .runs import METHODS, given, run
 
@@ -46,7 +46,7 @@ def test_other_content_under_the_same_names_is_another_result(setup, dataset, tm
     shutil.copytree(dataset / "alike-1", tmp_path / "data" / "alike-1")
     detector = tmp_path / "detector.onnx"
     detector.write_bytes(b"none, so that runs fail soon")
-    setup = dataclasses.replace(setup, regime="detector", detector=detector)
+    setup = dataclasses.replace(setup, detector=detector)
     _, new = run(setup, find_scenes(dataset)[:1], ("iou",))
     assert new == [("alike-1", "iou")]
     assert run(setup, find_scenes(tmp_path / "data"), ("iou",))[1] == []  # a copy is the same
@@ -101,7 +101,7 @@ def test_a_run_that_fails_is_counted_and_the_others_go_on(setup, dataset, tmp_pa
     assert "none of the 8 frames" in records[0].error
     truths = [read_truth(find_scenes(dataset)[i]) for i in range(2)]
     runs = [score(setup.out, r, t) for r, t in zip(records, truths, strict=True)]
-    table = main_table(runs, {}, "masks")
+    table = make_tables(runs, {}, "masks")["masks"]
     assert table.rows[0].note == "1 of 2 scenes failed"
     assert list_failures(runs)[0].startswith("iou on alike-1: ")
 

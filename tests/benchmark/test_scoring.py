@@ -37,7 +37,7 @@ def test_a_detector_is_scored_against_the_annotations(setup, dataset, tmp_path, 
         found = by_image[image.tobytes()]
         return found.select(np.arange(0, len(found), 2))
 
-    found = dataclasses.replace(setup, regime="detector", detector=find_half)
+    found = dataclasses.replace(setup, detector=find_half)
     monkeypatch.setattr(running, "_describe_detector", lambda setup: "half")
     # The scene is too short for objects that wait to be announced.
     monkeypatch.setattr(announcement, "DETECTOR_DEFAULT", 1)

@@ -26,14 +26,12 @@ Command = Callable[..., Outcome]
 
 @pytest.fixture
 def command(capfd, monkeypatch, tmp_path) -> Command:
-    """Runs `remind ...` in an empty folder; `static` are capacities that others do not share."""
+    """Runs `remind ...` in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*words: object, static: tuple[str, ...] = ()) -> Outcome:
+    def run(*words: object) -> Outcome:
         capfd.readouterr()
-        argv = [str(word) for word in words]
-        code = main([*argv, "--set", *static] if static and argv[0] == "run" else argv)
-        return Outcome(code, *capfd.readouterr())
+        return Outcome(main([*map(str, words)]), *capfd.readouterr())
 
     return run
 

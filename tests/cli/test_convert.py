@@ -24,9 +24,6 @@ def test_conversion_says_what_it_did(command, source):
     for said in ("custom", "official .pth", "sha256", "DINOv3 License"):
         assert said in outcome.stdout
     assert load_weights("out.safetensors").variant.width == 64
-
-
-def test_facts_for_machines(command, source):
     facts = json.loads(command("convert", source, "-o", "a.safetensors", *TINY, "--json").stdout)
     assert facts["data_sha256"] == load_weights("a.safetensors").sha256
     assert facts["layout"] == "official .pth"

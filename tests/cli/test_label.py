@@ -5,7 +5,6 @@ import sys
 
 import pytest
 
-from remind_jax.cli.main import main
 from remind_jax.files import saving
 from remind_jax.metrics import evaluate
 from tests.outputs.fake_run import make_run
@@ -25,10 +24,11 @@ def edits(tmp_path):
     return tmp_path / "edits.json"
 
 
-def test_the_page_lies_in_the_folder_of_the_run(run, capsys):
-    assert main(["label", str(run)]) == 0
-    said = "".join(capsys.readouterr().out.split())
-    assert "label.html:6identities" in said
+def test_the_page_lies_in_the_folder_of_the_run(command, run):
+    os.mkfifo(run / "overlay.mp4")  # a pipe in place of the video is not waited for
+    outcome = command("label", run)
+    assert outcome.code == 0
+    assert "label.html:6identities" in "".join(outcome.stdout.split())
     page = (run / "label.html").read_text()
     assert '"labeling":{' in page
     assert "prepareLabeling();" in page
@@ -36,48 +36,39 @@ def test_the_page_lies_in_the_folder_of_the_run(run, capsys):
 
 
 @pytest.mark.parametrize("name", ["truth", "truth.xml"])
-def test_edits_make_truth_of_the_run(run, edits, tmp_path, name, capsys):
+def test_edits_make_truth_of_the_run(command, run, edits, tmp_path, name):
     truth = tmp_path / name
-    words = ["label", str(run), "--apply", str(edits), "--out", str(truth)]
-    assert main(words) == 0
-    assert "7 identities, 40 frames, 1 edits" in " ".join(capsys.readouterr().out.split())
-    assert main(words) == 1
-    assert "exists; name another place" in " ".join(capsys.readouterr().err.split())
-    assert main([*words, "--overwrite", "--quiet"]) == 0
+    words = ("label", run, "--apply", edits, "--out", truth)
+    assert "7 identities, 40 frames, 1 edits" in " ".join(command(*words).stdout.split())
+    again = command(*words)
+    assert again.code == 1
+    assert "exists; name another place" in again.stderr
+    assert command(*words, "--overwrite", "--quiet").code == 0
     if name == "truth":
-        assert main(["eval", str(truth), str(truth), "--quiet"]) == 0
+        assert command("eval", truth, truth, "--quiet").code == 0
         assert evaluate(truth, truth).scores()["IDF1"] == 1
         assert evaluate(truth, run).scores()["IDF1"] < 1
 
 
-def test_truth_needs_a_place_and_edits(run, edits, tmp_path, capsys):
-    assert main(["label", str(run), "--apply", str(edits)]) == 2
-    assert "--out" in capsys.readouterr().err
-    for words in (["--out", str(tmp_path / "truth")], ["--overwrite"]):
-        assert main(["label", str(run), *words]) == 2
-        assert "--apply" in capsys.readouterr().err
+def test_truth_needs_a_place_and_edits(command, run, edits):
+    for words, lacking in (
+        (("--apply", edits), "--out"),
+        (("--out", "truth"), "--apply"),
+        (("--overwrite",), "--apply"),
+    ):
+        outcome = command("label", run, *words)
+        assert outcome.code == 2
+        assert lacking in outcome.stderr
 
 
-def test_inputs_are_not_replaced(run, edits, tmp_path, capsys):
-    words = ["label", str(run), "--apply", str(edits), "--overwrite", "--out"]
-    assert main([*words, str(run)]) == 1
-    assert main([*words, str(edits)]) == 1
-    assert main([*words, str(run / "detections.jsonl")]) == 1
-    assert main([*words, str(tmp_path)]) == 1
-    assert capsys.readouterr().err.count("input") >= 4
+def test_inputs_are_not_replaced(command, run, edits, tmp_path):
+    for out in (run, edits, run / "detections.jsonl", tmp_path):
+        outcome = command("label", run, "--apply", edits, "--overwrite", "--out", out)
+        assert outcome.code == 1
+        assert "input" in outcome.stderr
 
 
-def test_a_pipe_in_place_of_the_video_is_not_waited_for(run, capsys):
-    os.mkfifo(run / "overlay.mp4")
-    assert main(["label", str(run)]) == 0
-    assert "label.html" in capsys.readouterr().out
-
-
-def words_of(run, edits, truth):
-    return ["label", str(run), "--apply", str(edits), "--out", str(truth)]
-
-
-def test_what_a_killed_command_left_is_no_truth(run, edits, tmp_path, capsys):
+def test_what_a_killed_command_left_is_no_truth(command, run, edits, tmp_path):
     truth = tmp_path / "truth"
     (truth / "Annotations").mkdir(parents=True)
     gone = subprocess.Popen([sys.executable, "-c", ""])
@@ -85,5 +76,5 @@ def test_what_a_killed_command_left_is_no_truth(run, edits, tmp_path, capsys):
     left = truth / f"tour.{saving._machine()}.{gone.pid}-1.part"
     left.mkdir()
     (left / "000000.png").write_bytes(b"half")
-    assert main([*words_of(run, edits, truth), "--quiet"]) == 0
+    assert command("label", run, "--apply", edits, "--out", truth, "--quiet").code == 0
     assert not left.exists()

@@ -31,48 +31,45 @@ def memory(run, tmp_path):
     return shutil.copy(run[0] / "memory.safetensors", tmp_path / "memory.safetensors")
 
 
-def listed(path, capsys) -> list[dict]:
-    capsys.readouterr()
-    assert main(["memory", str(path), "--json"]) == process.FINE
-    return json.loads(capsys.readouterr().out)
+def listed(command, path) -> list[dict]:
+    outcome = command("memory", path, "--json")
+    assert outcome.code == process.FINE
+    return json.loads(outcome.stdout)
 
 
-def test_objects_are_listed(run, capsys):
-    objects = listed(run[0], capsys)
+def test_objects_are_listed(command, run):
+    objects = listed(command, run[0])
     assert [one["id"] for one in objects] == [0, 1, 2]
     assert all(one["frames"] == 3 and one["pictures"] > 0 for one in objects)
-    assert main(["memory", str(run[0])]) == process.FINE
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join(command("memory", run[0]).stdout.split())
     assert "3 objects in 1 session, tracker bank, patch-statistics" in said
     assert "session 1, frame 2" in said
 
 
-def test_changes_are_kept(memory, capsys):
-    assert main(["memory", str(memory), "rename", "1", "my mug"]) == process.FINE
-    assert "object 1 is called 'my mug'" in capsys.readouterr().out
-    assert main(["memory", str(memory), "merge", "0", "2"]) == process.FINE
-    objects = listed(memory, capsys)
+def test_changes_are_kept(command, memory):
+    renamed = command("memory", memory, "rename", 1, "my mug")
+    assert "object 1 is called 'my mug'" in renamed.stdout
+    assert command("memory", memory, "merge", 0, 2).code == process.FINE
+    objects = listed(command, memory)
     assert [(one["id"], one["name"], one["merged"]) for one in objects] == [
         (0, "", [2]),
         (1, "my mug", []),
     ]
-    assert main(["memory", str(memory), "split", "0"]) == process.FINE
-    assert main(["memory", str(memory), "forget", "0", "2"]) == process.FINE
-    assert [one["id"] for one in listed(memory, capsys)] == [1]
+    assert command("memory", memory, "split", 0).code == process.FINE
+    assert command("memory", memory, "forget", 0, 2).code == process.FINE
+    assert [one["id"] for one in listed(command, memory)] == [1]
 
 
-def test_the_file_is_left_alone_where_another_is_named(memory, tmp_path, capsys):
+def test_the_file_is_left_alone_where_another_is_named(command, memory):
     before = memory.read_bytes()
-    other = tmp_path / "other.safetensors"
-    words = ["memory", str(memory), "forget", "0", "-o", str(other)]
-    assert main(words) == process.FINE
+    words = ("memory", memory, "forget", 0, "-o", "other.safetensors")
+    assert command(*words).code == process.FINE
     assert memory.read_bytes() == before
-    assert [one["id"] for one in listed(other, capsys)] == [1, 2]
-    assert main(words) == process.ERROR
-    assert "exists" in capsys.readouterr().err
+    assert [one["id"] for one in listed(command, "other.safetensors")] == [1, 2]
+    assert "exists" in command(*words).stderr
 
 
-def test_two_memories_become_one(tmp_path, capsys):
+def test_two_memories_become_one(command, tmp_path):
     paths = []
     for name, ids in (("monday", (1, 2, 3)), ("tuesday", (4, 2, 3))):
         tracker = rj.Tracker()
@@ -87,32 +84,30 @@ def test_two_memories_become_one(tmp_path, capsys):
         tracker.save(paths[-1])
     before = [path.read_bytes() for path in paths]
     out = tmp_path / "both.safetensors"
-    words = ["memory", str(paths[0]), "join", str(paths[1].parent), "-o", str(out)]
-    assert main(words) == process.FINE
-    said = " ".join(capsys.readouterr().out.split())
+    join = ("memory", paths[0], "join", paths[1].parent)
+    said = " ".join(command(*join, "-o", out).stdout.split())
     assert f"{out}: " in said
     assert f"3 objects of {paths[1]} added, 2 of them known" in said
     assert "4 merged into object 1" in said
     assert [path.read_bytes() for path in paths] == before
-    objects = listed(out, capsys)
+    objects = listed(command, out)
     assert [(one["id"], one["label"], one["merged"]) for one in objects] == [
         (0, "cup", []),
         (1, "cup", [4]),
         (2, "book", [5]),
         (3, "vase", []),
     ]
-    assert main(["memory", str(out), "split", "2", "--quiet"]) == process.FINE
-    assert [one["id"] for one in listed(out, capsys)] == [0, 1, 2, 3, 5]
-    assert main([*words[:4], "-o", str(paths[1]), "--overwrite"]) == process.ERROR
-    assert "is an input" in capsys.readouterr().err
-    assert main(["memory", str(out), "join", str(tmp_path / "none")]) == process.ERROR
-    assert "Traceback" not in capsys.readouterr().err
+    assert command("memory", out, "split", 2, "--quiet").code == process.FINE
+    assert [one["id"] for one in listed(command, out)] == [0, 1, 2, 3, 5]
+    assert "is an input" in command(*join, "-o", paths[1], "--overwrite").stderr
+    missing = command("memory", out, "join", "none")
+    assert missing.code == process.ERROR
+    assert "Traceback" not in missing.stderr
 
 
-def test_memories_that_do_not_fit_are_not_joined(memory, capsys):
+def test_memories_that_do_not_fit_are_not_joined(command, memory):
     before = memory.read_bytes()
-    assert main(["memory", str(memory), "join", str(memory)]) == process.ERROR
-    assert "tracker 'bank' cannot join memories" in capsys.readouterr().err
+    assert "tracker 'bank' cannot join memories" in command("memory", memory, "join", memory).stderr
     assert memory.read_bytes() == before
 
 
@@ -137,37 +132,35 @@ CHANGES_THAT_ARE_NONE = (
 )
 
 
-def test_what_is_no_change_is_refused(memory, capsys):
+def test_what_is_no_change_is_refused(command, memory):
     before = memory.read_bytes()
     for words, code, said in CHANGES_THAT_ARE_NONE:
-        assert main(["memory", str(memory), *words]) == code, words
-        shown = capsys.readouterr()
-        assert said in shown.err
-        assert "Traceback" not in shown.err + shown.out
+        outcome = command("memory", memory, *words)
+        assert outcome.code == code, words
+        assert said in outcome.stderr
+        assert "Traceback" not in outcome.stderr + outcome.stdout
         assert memory.read_bytes() == before
 
 
-def test_pictures_are_named_by_their_objects(memory, tmp_path):
-    assert main(["memory", str(memory), "rename", "1", "<b>/mug", "--quiet"]) == process.FINE
-    folder = tmp_path / "objects"
-    words = ["memory", str(memory), "--pictures", str(folder), "--quiet"]
-    assert main(words) == process.FINE
-    names = sorted(path.name for path in folder.iterdir())
-    assert {name[:8] for name in names} >= {"000000-1", "000001-1", "000002-1"}
-    assert "000001-1-_b_mug.jpg" in names
-    assert cv2.imread(str(folder / names[0])) is not None
-    assert main(words) == process.ERROR
-    assert main([*words, "--overwrite"]) == process.FINE
+def test_pictures_are_named_by_their_objects(command, memory, tmp_path):
+    assert command("memory", memory, "rename", 1, "<b>/mug", "--quiet").code == process.FINE
+    words = ("memory", memory, "--pictures", "objects", "--quiet")
+    assert command(*words).code == process.FINE
+    files = sorted((tmp_path / "objects").iterdir())
+    assert {file.name[:8] for file in files} >= {"000000-1", "000001-1", "000002-1"}
+    assert "000001-1-_b_mug.jpg" in [file.name for file in files]
+    assert cv2.imread(str(files[0])) is not None
+    assert command(*words).code == process.ERROR
+    assert command(*words, "--overwrite").code == process.FINE
 
 
-def test_a_later_run_says_whom_it_met_again(memory, tmp_path, capsys):
+def test_a_later_run_says_whom_it_met_again(command, memory, tmp_path):
     for number, name in (("0", "my mug"), ("2", "=spoon")):
-        assert main(["memory", str(memory), "rename", number, name, "--quiet"]) == process.FINE
-    seen = scenes.write_scene(tmp_path, 2, seen={0: (1, 2), 1: (1, 2)})
-    words = [seen[0], "--masks", seen[1], "--out", tmp_path / "later", "--memory", memory]
-    words += ["--tracker", "bank", "--no-overlay"]
-    assert main(["run", *map(str, words)]) == process.FINE
-    assert "2 of 3 known objects met again; not met: =spoon" in capsys.readouterr().out
+        assert command("memory", memory, "rename", number, name, "--quiet").code == process.FINE
+    images, masks = scenes.write_scene(tmp_path, 2, seen={0: (1, 2), 1: (1, 2)})
+    words = ("run", images, "--masks", masks, "--out", "later", "--memory", memory)
+    outcome = command(*words, "--tracker", "bank", "--no-overlay")
+    assert "2 of 3 known objects met again; not met: =spoon" in outcome.stdout
     result = Result.load(tmp_path / "later")
     assert result.tracks[0].display_name(0) == "my mug"
     assert [one.object_id for one in result.not_met()] == [2]
@@ -175,4 +168,4 @@ def test_a_later_run_says_whom_it_met_again(memory, tmp_path, capsys):
     with (tmp_path / "later" / "tracks.csv").open(newline="") as file:
         assert {row["object_name"] for row in csv.DictReader(file)} == {"my mug", ""}
     assert '"name":"my mug"' in (tmp_path / "later" / "report.html").read_text()
-    assert [one["last"]["session"] for one in listed(tmp_path / "later", capsys)] == [2, 2, 1]
+    assert [one["last"]["session"] for one in listed(command, "later")] == [2, 2, 1]

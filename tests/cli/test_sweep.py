@@ -7,12 +7,11 @@ import re
 import pytest
 
 from remind_jax.cli import process
-from remind_jax.cli.main import main
 from tests.sweeps.fake_bench import FakeBench, hill
 
 
 @pytest.fixture
-def benches(monkeypatch, tmp_path):
+def benches(monkeypatch):
     """Benches that the command opened, with the options that it opened them with."""
     opened = []
 
@@ -24,48 +23,47 @@ def benches(monkeypatch, tmp_path):
         return bench
 
     monkeypatch.setattr("remind_jax.sweeps.bench.SceneBench", open_bench)
-    monkeypatch.chdir(tmp_path)
     return opened
 
 
-def test_grid_writes_table_and_summary(benches, capsys, tmp_path):
+def test_grid_writes_table_and_summary(benches, command, tmp_path):
     space = ("matching.match=0.5:0.8:0.1", "influence.enabled=false,true")
-    words = ["sweep", "a", "b", "--set", *space]
-    assert main([*words, "-o", "out", "--memory-gib", "1", "--batch", "4"]) == process.FINE
+    words = ("sweep", "a", "b", "--set", *space, "-o", "out", "--memory-gib", 1, "--batch", 4)
+    outcome = command(*words)
+    assert outcome.code == process.FINE
     bench, options = benches[0]
     assert (options["memory_gib"], options["batch"], options["workers"]) == (1.0, 4, None)
     assert bench.asked[0][0] == {}
     rows = list(csv.DictReader((tmp_path / "out/rows.csv").read_text().splitlines()))
     assert len(rows) == (1 + 4 * 2) * 2
     summary = (tmp_path / "out/summary.md").read_text()
-    assert "9 settings on 2 scenes" in summary
-    assert "scene held out" in summary
-    assert "as it stands" in summary
-    assert "0.7" in capsys.readouterr().out
+    for said in ("9 settings on 2 scenes", "scene held out", "as it stands"):
+        assert said in summary
+    assert "0.7" in outcome.stdout
 
 
-def test_json_holds_the_best_and_the_front(benches, capsys):
-    assert main(["sweep", "a", "--set", "matching.match=0.5:0.8:0.1", "--json"]) == process.FINE
-    facts = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)  # no NaN
-    assert facts["settings"] == 5
+def test_json_holds_the_best_and_the_front(benches, command):
+    outcome = command("sweep", "a", "--set", "matching.match=0.5:0.8:0.1", "--json")
+    facts = json.loads(outcome.stdout, parse_constant=pytest.fail)  # no NaN
+    assert (outcome.code, facts["settings"]) == (process.FINE, 5)
     assert facts["best"][0]["setting"] == {"matching.match": 0.7}
     assert facts["as_it_stands"][0]["setting"] == {}
     assert facts["pareto"]
     assert facts["complete"] is True
 
 
-def test_random_settings_lie_in_the_range(benches):
-    words = ["sweep", "a", "--set", "matching.match=0.5,0.9", "--random", "20", "--seed", "3"]
-    assert main([*words, "--quiet"]) == process.FINE
+def test_random_settings_lie_in_the_range(benches, command):
+    words = ("sweep", "a", "--set", "matching.match=0.5,0.9", "--random", 20, "--seed", 3)
+    assert command(*words, "--quiet").code == process.FINE
     given, *drawn = benches[0][0].asked[0]
     assert given == {}
     assert len({s["matching.match"] for s in drawn}) == 20
     assert all(0.5 <= s["matching.match"] <= 0.9 for s in drawn)
 
 
-def test_settings_come_from_a_file(benches, tmp_path):
+def test_settings_come_from_a_file(benches, command, tmp_path):
     (tmp_path / "mine.csv").write_text("matching.match,influence.enabled\n0.6,true\n0.7,false\n")
-    assert main(["sweep", "a", "--settings", "mine.csv", "--quiet"]) == process.FINE
+    assert command("sweep", "a", "--settings", "mine.csv", "--quiet").code == process.FINE
     assert benches[0][0].asked[0][1:] == [
         {"matching.match": 0.6, "influence.enabled": True},
         {"matching.match": 0.7, "influence.enabled": False},
@@ -73,10 +71,10 @@ def test_settings_come_from_a_file(benches, tmp_path):
 
 
 @pytest.mark.parametrize("method", ["tpe", "nsga2"])
-def test_search_proposes_settings(benches, method):
+def test_search_proposes_settings(benches, command, method):
     pytest.importorskip("optuna")
-    words = ["sweep", "a", "b", "--set", "matching.match=0.3,1.0", "--search", method, "--quiet"]
-    assert main([*words, "--number", "9", "--at-once", "3"]) == process.FINE
+    words = ("sweep", "a", "b", "--set", "matching.match=0.3,1.0", "--search", method, "--quiet")
+    assert command(*words, "--number", 9, "--at-once", 3).code == process.FINE
     bench, options = benches[0]
     assert options["keep_scenes"]
     assert len(bench.asked) >= 3
@@ -85,13 +83,14 @@ def test_search_proposes_settings(benches, method):
 @pytest.mark.parametrize(
     ("config", "named"), [("default", "decision.new"), ("remind", "matching.match")]
 )
-def test_sensitivity_has_thresholds_of_its_own(benches, capsys, config, named):
-    words = ["sweep", "a", "--config", config, "--sensitivity", "--number", "3"]
-    assert main(words) == process.FINE
-    cells = re.split(r"[|│]", capsys.readouterr().out)
+def test_sensitivity_has_thresholds_of_its_own(benches, command, config, named):
+    outcome = command("sweep", "a", "--config", config, "--sensitivity", "--number", 3)
+    assert outcome.code == process.FINE
+    cells = re.split(r"[|│]", outcome.stdout)
     assert named in [cell.strip() for cell in cells]
 
 
-def test_a_tracker_without_usual_ranges_has_no_sensitivity(benches, capsys):
-    assert main(["sweep", "a", "--config", "bank", "--sensitivity"]) == process.ERROR
-    assert "no usual ranges for thresholds of 'bank'" in capsys.readouterr().err
+def test_a_tracker_without_usual_ranges_has_no_sensitivity(benches, command):
+    outcome = command("sweep", "a", "--config", "bank", "--sensitivity")
+    assert outcome.code == process.ERROR
+    assert "no usual ranges for thresholds of 'bank'" in outcome.stderr

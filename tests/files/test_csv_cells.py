@@ -39,7 +39,7 @@ def test_labels_of_a_run_are_guarded(formula, tmp_path):
     _, result = make_run(num_frames=1)
     (frame,) = result.tracks
     frame = dataclasses.replace(frame, labels=(formula,) * len(frame), name=formula)
-    with tables.CsvWriter(tmp_path / "tracks.csv") as writer:
+    with tables.csv_writer(tmp_path / "tracks.csv") as writer:
         writer.add(frame)
     with (tmp_path / "tracks.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

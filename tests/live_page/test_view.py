@@ -29,6 +29,11 @@ def run():
     return make_run(60, size=(120, 160))
 
 
+@pytest.fixture
+def view() -> LiveView:
+    return LiveView("room", clock=Clock())
+
+
 def at(frame: Frame, tracks: Tracks, time_s: float) -> tuple[Frame, Tracks]:
     return dataclasses.replace(frame, time_s=time_s), tracks
 
@@ -48,8 +53,7 @@ def test_nothing_is_there_before_the_first_frame():
     json.dumps(state, allow_nan=False)
 
 
-def test_who_is_in_view_and_who_is_remembered(run):
-    view = LiveView("room", clock=Clock())
+def test_who_is_in_view_and_who_is_remembered(view, run):
     show(view, run, *range(30))
     state, tracks = view.state(), run[1].tracks[29]
     assert [row["name"] for row in state["in_view"]] == [
@@ -65,8 +69,7 @@ def test_who_is_in_view_and_who_is_remembered(run):
     json.dumps(state, allow_nan=False)
 
 
-def test_names_that_people_gave_are_shown(run):
-    view = LiveView("room", clock=Clock())
+def test_names_that_people_gave_are_shown(view, run):
     frame, tracks = run[0][25], dataclasses.replace(run[1].tracks[25], names={0: "my cup"})
     show(view, run, *range(25))
     view.show(frame, tracks, tracks)
@@ -76,8 +79,7 @@ def test_names_that_people_gave_are_shown(run):
     assert "cup 0" not in {row["name"] for row in rows}
 
 
-def test_objects_of_earlier_runs_are_remembered(run):
-    view = LiveView("room", clock=Clock())
+def test_objects_of_earlier_runs_are_remembered(view, run):
     met, unseen = RememberedObject(0, "cup", "", 7, Sight(1, 0), Sight(1, 9)), 99
     away = dataclasses.replace(met, object_id=unseen, name="my hat", last=Sight(1, 8))
     view.remember([away, met])
@@ -92,8 +94,7 @@ def test_objects_of_earlier_runs_are_remembered(run):
     assert "cup 0" not in {one["name"] for one in state["remembered"] if one["unseen_s"] is None}
 
 
-def test_what_the_memory_holds_is_told(run):
-    view = LiveView("room", clock=Clock())
+def test_what_the_memory_holds_is_told(view, run):
     show(view, run, 0)
     assert view.state()["memory"] is None
     frames, result = run
@@ -103,8 +104,7 @@ def test_what_the_memory_holds_is_told(run):
     }  # fmt: skip
 
 
-def test_an_absence_leaves_a_gap_in_the_timeline(run):
-    view = LiveView("room", clock=Clock())
+def test_an_absence_leaves_a_gap_in_the_timeline(view, run):
     show(view, run, *range(60))
     rows = {row["name"]: row["spans"] for row in view.state()["timeline"]["rows"]}
     assert len(rows["cup 0"]) == 1
@@ -113,8 +113,7 @@ def test_an_absence_leaves_a_gap_in_the_timeline(run):
     assert after[0] >= 4.0
 
 
-def test_the_timeline_ends_now_and_drops_what_is_long_ago(run):
-    view = LiveView("room", clock=Clock())
+def test_the_timeline_ends_now_and_drops_what_is_long_ago(view, run):
     show(view, run, 0, step_s=0)
     frame, tracks = at(run[0][0], run[1].tracks[0], 1000.0)
     view.show(frame, tracks, tracks)
@@ -123,8 +122,7 @@ def test_the_timeline_ends_now_and_drops_what_is_long_ago(run):
     assert all(span[1] == 1000.0 for row in timeline["rows"] for span in row["spans"])
 
 
-def test_objects_that_turn_out_to_be_one_are_one(run):
-    view = LiveView("room", clock=Clock())
+def test_objects_that_turn_out_to_be_one_are_one(view, run):
     show(view, run, *range(10))
     tracks = run[1].tracks[10]
     ids = [int(i) for i in tracks.object_id if i >= 0]
@@ -138,14 +136,13 @@ def test_objects_that_turn_out_to_be_one_are_one(run):
     assert not any(name.endswith(f" {gone}") for name in names)
 
 
-def test_memory_is_bounded(run, monkeypatch):
+def test_memory_is_bounded(view, run, monkeypatch):
     monkeypatch.setattr(views, "MAX_OBJECTS", 3)
-    view = LiveView("room", clock=Clock())
     show(view, run, *range(60))
     assert view.state()["num_objects"] == 3
 
 
-def test_the_picture_is_drawn_once_per_frame_and_only_if_asked_for(run, monkeypatch):
+def test_the_picture_is_drawn_once_per_frame_and_only_if_asked_for(view, run, monkeypatch):
     drawn = []
     draw = views.draw_overlay
 
@@ -154,7 +151,6 @@ def test_the_picture_is_drawn_once_per_frame_and_only_if_asked_for(run, monkeypa
         return draw(*args)
 
     monkeypatch.setattr(views, "draw_overlay", count)
-    view = LiveView("room", clock=Clock())
     show(view, run, *range(5))
     assert drawn == []
     first = view.picture()
@@ -168,17 +164,15 @@ def test_the_picture_is_drawn_once_per_frame_and_only_if_asked_for(run, monkeypa
     assert image.shape[:2] == (120, 160)
 
 
-def test_large_frames_are_shown_smaller(run, monkeypatch):
+def test_large_frames_are_shown_smaller(view, run, monkeypatch):
     monkeypatch.setattr(views, "_MAX_SIDE_PX", 80)
-    view = LiveView("room", clock=Clock())
     show(view, run, 0)
     image = cv2.imdecode(np.frombuffer(view.picture() or b"", np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert image.shape[:2] == (60, 80)
 
 
-def test_every_object_gets_a_picture_in_time(run):
-    view = LiveView("room", clock=Clock())
+def test_every_object_gets_a_picture_in_time(view, run):
     show(view, run, *range(10))
     pictures = [view.picture_of(int(i)) for i in run[1].tracks[9].object_id if i >= 0]
     assert len(pictures) > 1
@@ -186,8 +180,7 @@ def test_every_object_gets_a_picture_in_time(run):
     assert view.picture_of(999) is None
 
 
-def test_waiting_ends_with_news_or_with_time(run):
-    view = LiveView("room", clock=Clock())
+def test_waiting_ends_with_news_or_with_time(view, run):
     threading.Timer(0.05, lambda: show(view, run, 0)).start()
     view.wait(0, 20.0)
     assert view.state()["version"] == 1
@@ -197,7 +190,7 @@ def test_waiting_ends_with_news_or_with_time(run):
     assert view.state()["source"] == "ended"
 
 
-def test_nobody_waits_for_a_picture_while_it_is_drawn(run, monkeypatch):
+def test_nobody_waits_for_a_picture_while_it_is_drawn(view, run, monkeypatch):
     """The tracker goes on while a thread of the page draws."""
     drawing, go = threading.Event(), threading.Event()
 
@@ -207,7 +200,6 @@ def test_nobody_waits_for_a_picture_while_it_is_drawn(run, monkeypatch):
         return image
 
     monkeypatch.setattr(views, "draw_overlay", draw)
-    view = LiveView("room", clock=Clock())
     show(view, run, 0)
     thread = threading.Thread(target=view.picture)
     thread.start()

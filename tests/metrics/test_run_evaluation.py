@@ -14,7 +14,7 @@ from remind_jax.formats.mot import mot_lines
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics import SceneOptions, evaluate, evaluate_tracks
 from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
-from remind_jax.outputs.store import DETECTIONS_NAME, DetectionsWriter
+from remind_jax.outputs.store import DETECTIONS_NAME, detections_writer
 from remind_jax.tracks import Tracks
 from tests.formats import scenes as made
 from tests.formats.scenes import CLASSES
@@ -51,7 +51,7 @@ def _frame(at: int, line: str, said: str) -> Tracks:
 
 def save(folder: Path, run: list[Tracks]) -> Path:
     folder.mkdir()
-    with DetectionsWriter(folder / DETECTIONS_NAME, make_info().to_json()) as file:
+    with detections_writer(folder / DETECTIONS_NAME, make_info()) as file:
         for tracks in run:
             file.add(tracks)
     return folder

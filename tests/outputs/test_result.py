@@ -1,13 +1,18 @@
 import dataclasses
+import itertools
 import json
 import sys
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OptionError, OutputError
 from remind_jax.metrics.run_folder import read_tracks
+from remind_jax.outputs.presence import join_positions
+from remind_jax.outputs.report import report_data, spans_with
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import RunInfo
 from tests.outputs.fake_run import make_info, make_run, make_tracks
@@ -98,13 +103,10 @@ def test_summary_counts():
     json.dumps(summary, allow_nan=False)
 
 
-def test_summary_counts_an_identity_given_twice():
+def test_summaries_of_an_identity_given_twice_and_of_nothing():
     masks = np.ones((2, 8, 8), bool)
     tracks = make_tracks(0, masks, [{"object_id": 3}, {"object_id": 3}])
     assert Result((tracks,), make_info()).summary()["repeated_identities"] == 1
-
-
-def test_empty_run_has_a_summary():
     summary = Result((), make_info()).summary()
     assert (summary["frames"], summary["identities"], summary["undecided_share"]) == (0, 0, 0)
 
@@ -188,3 +190,31 @@ def test_outcomes_without_identity_are_no_presence():
     rows = [{"object_id": -1, "outcome": Outcome.AMBIGUOUS, "candidates": [(0, 0.8), (1, 0.7)]}]
     tracks = make_tracks(0, np.ones((1, 8, 8), bool), rows)
     assert Result((tracks,), make_info()).objects() == ()
+
+
+def test_rows_follow_first_sight():
+    _, result = make_run(30)
+    late_first = dataclasses.replace(result, tracks=result.tracks[10:])  # 1, 3, 5 come back at 20
+    shown = report_data(late_first, [], None)["identities"]
+    assert [row["id"] for row in shown] == [0, 2, 4, 3, 5, 1]
+
+
+def test_runs_absences_and_doubt():
+    _, result = make_run(30)
+    rows = result.objects()
+    row = rows[1]
+    assert row.seen == ((0, 9), (23, 29))
+    assert row.absences == ((10, 22),)
+    assert row.returns == (23,)
+    assert row.candidate == ((20, 22),)
+    assert rows[0].candidate == ((20, 22),)
+    assert rows[4].absences == ()  # one frame is flicker
+    assert spans_with(result, Outcome.AMBIGUOUS) == ((20, 22),)
+    assert spans_with(result, Outcome.PROVISIONAL_NEW) == ((20, 20),)
+
+
+@given(st.lists(st.integers(0, 60)))
+def test_spans_hold_all_positions_and_touch_nowhere(positions):
+    spans = join_positions(sorted(positions))
+    assert [p for first, last in spans for p in range(first, last + 1)] == sorted(set(positions))
+    assert all(one[1] + 1 < other[0] for one, other in itertools.pairwise(spans))

@@ -11,6 +11,7 @@ from remind_jax.errors import OutputError
 from remind_jax.files.records import decode_json
 from remind_jax.outputs import run_records, store
 from remind_jax.outputs.run_records import FrameRow
+from remind_jax.outputs.writer import KeptTracks
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
@@ -51,11 +52,24 @@ def test_any_frame_survives_json(rows, seed):
     assert_same(run_records.tracks_of(decode_json(text.encode(), FrameRow, "a frame")), tracks)
 
 
+def test_frames_kept_on_disk_come_back_while_more_are_added(tmp_path):
+    frames = make_run(6)[1].tracks
+    kept = KeptTracks(tmp_path)
+    for tracks in frames[:3]:
+        kept.append(tracks)
+    assert len(list(kept)) == 3
+    for tracks in frames[3:]:
+        kept.append(tracks)
+    for ours, theirs in zip(frames, kept, strict=True):
+        assert_same(ours, theirs)
+    assert list(tmp_path.iterdir()) == []  # the file has no name, so nothing is left
+
+
 @pytest.fixture
 def stored(tmp_path):
     _, result = make_run(num_frames=6)
     path = tmp_path / store.DETECTIONS_NAME
-    with store.DetectionsWriter(path, make_info().to_json()) as writer:
+    with store.detections_writer(path, make_info()) as writer:
         for tracks in result.tracks:
             writer.add(tracks)
     return path, result
@@ -64,7 +78,7 @@ def stored(tmp_path):
 def test_frames_are_on_disk_before_the_file_is_closed(tmp_path):
     _, result = make_run(num_frames=3)
     path = tmp_path / store.DETECTIONS_NAME
-    writer = store.DetectionsWriter(path, make_info().to_json())
+    writer = store.detections_writer(path, make_info())
     for done, tracks in enumerate(result.tracks, start=1):
         writer.add(tracks)
         assert len(store.read_detections(path)[1]) == done
@@ -148,7 +162,7 @@ def _change_line(path, number, change):
 def test_what_is_wrong_in_a_frame_is_named(tmp_path, change, said):
     _, result = make_run(num_frames=6)
     path = tmp_path / store.DETECTIONS_NAME
-    with store.DetectionsWriter(path, make_info().to_json()) as writer:
+    with store.detections_writer(path, make_info()) as writer:
         for tracks in result.tracks:
             writer.add(
                 dataclasses.replace(

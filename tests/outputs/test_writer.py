@@ -51,28 +51,22 @@ def test_frames_without_images_are_written(tmp_path, made):
     assert count_frames(tmp_path / "overlay.mp4") == 30
 
 
-def write_until(folder: Path, made, num_frames: int, stop: BaseException) -> None:
-    """A run in which `stop` is raised after some frames."""
+@pytest.mark.parametrize("num_frames", [12, 0])
+def test_what_was_added_is_there_without_an_end(tmp_path, made, num_frames):
     frames, result = made
-    with RunWriter(folder, result.info) as writer:
-        for frame, tracks in zip(frames[:num_frames], result.tracks, strict=False):
-            writer.add(frame, tracks)
-        raise stop
 
+    def stop_early() -> None:
+        with RunWriter(tmp_path, result.info) as writer:
+            for frame, tracks in zip(frames[:num_frames], result.tracks, strict=False):
+                writer.add(frame, tracks)
+            raise KeyboardInterrupt
 
-def test_what_was_added_is_there_without_an_end(tmp_path, made):
-    with pytest.raises(RuntimeError):
-        write_until(tmp_path, made, 12, RuntimeError())
-    assert count_frames(tmp_path / "overlay.mp4") == 12
-    loaded = Result.load(tmp_path)
-    assert (loaded.complete, len(loaded)) == (False, 12)
-
-
-def test_without_a_frame_there_is_no_video(tmp_path, made):
     with pytest.raises(KeyboardInterrupt):
-        write_until(tmp_path, made, 0, KeyboardInterrupt())
-    assert len(Result.load(tmp_path)) == 0
-    assert not (tmp_path / "overlay.mp4").exists()
+        stop_early()
+    loaded = Result.load(tmp_path)
+    assert (loaded.complete, len(loaded)) == (False, num_frames)
+    video = tmp_path / "overlay.mp4"
+    assert (count_frames(video) if video.exists() else 0) == num_frames
 
 
 def test_an_unusable_frame_rate_gets_a_neutral_one(tmp_path, made):

@@ -10,7 +10,7 @@ import numpy as np
 from remind_jax.config import Config, load_config
 from remind_jax.decision import Outcome
 from remind_jax.explanation.archive import TraceArchive
-from remind_jax.explanation.plus.explainer import PlusRecord
+from remind_jax.explanation.plus import PlusRecord
 from remind_jax.explanation.remind.explainer import FrameRecord
 from remind_jax.frame import Frame
 from remind_jax.outputs.result import Result

@@ -29,10 +29,13 @@ def test_a_wide_table_is_shared_out_with_its_first_column(width, capsys):
     assert text.count("title") == 1
 
 
-def test_in_a_file_tables_are_as_wide_as_they_are(monkeypatch, capsys):
+def test_in_a_file_tables_are_as_wide_as_they_are_and_markdown_stays(monkeypatch, capsys):
     monkeypatch.delenv("COLUMNS", raising=False)
     print_table(WIDE)
     assert capsys.readouterr().out.count("row 2") == 1
+    text = "## Best\n\n| name |\n| --- |\n| x |"
+    print_markdown(text)
+    assert capsys.readouterr().out == text + "\n"
 
 
 def test_a_cell_that_is_too_long_is_folded_whole(width, capsys):
@@ -49,7 +52,7 @@ def test_cells_are_no_markup(width, capsys):
 
 def test_sentences_wrap_and_paths_stay_whole(width, capsys):
     path = "/home/somebody/runs/" + "long_name_of_a_folder/" * 4
-    print_lines(["word " * 40, f"output in {path}"])
+    print_lines("word " * 40, f"output in {path}")
     lines = capsys.readouterr().out.splitlines()
     assert all(len(line) <= width or line.strip() == path for line in lines)
     assert any(line.strip() == path for line in lines)
@@ -65,13 +68,6 @@ def test_tables_of_markdown_are_drawn(width, capsys):
     assert text.rstrip().endswith("Mean: 1")
 
 
-def test_markdown_in_a_file_stays_as_it_is(monkeypatch, capsys):
-    monkeypatch.delenv("COLUMNS", raising=False)
-    text = "## Best\n\n| name |\n| --- |\n| x |"
-    print_markdown(text)
-    assert capsys.readouterr().out == text + "\n"
-
-
 def test_a_comparison_of_many_methods_and_scores_fits(width, capsys):
     names = ["HOTA", "DetA", "AssA", "IDF1", "IDP", "IDR", "MOTA", "Recovery", "IDSW", "IDs"]
     rows = [Row(f"a method {i}", dict.fromkeys(names, 0.5), note="ran " * 20) for i in range(12)]
@@ -83,7 +79,7 @@ def test_a_comparison_of_many_methods_and_scores_fits(width, capsys):
 
 def test_names_of_others_command_no_terminal(monkeypatch, capsys):
     monkeypatch.delenv("COLUMNS", raising=False)
-    print_lines(["a \x1b[31mred \u202e name"])
+    print_lines("a \x1b[31mred \u202e name")
     print_markdown("# \x1b[2J")
     print_table([["name"], ["\x07"]])
     shown = capsys.readouterr().out

@@ -14,12 +14,13 @@ def test_a_comparison_reads_as_it_is(value, limit):
         assert (float(left) >= limit) == (value >= limit)
 
 
-def test_decimals():
+def test_numbers_and_sentences():
     assert compare(0.7499, "<", 0.75) == "0.7499 < 0.75"
     assert compare(0.71, ">=", 0.65) == "0.71 >= 0.65"
     assert (number(0.004), number(0.0), number(-0.5)) == ("0.004", "0.00", "-0.50")
     assert (threshold(0.1), threshold(0.75), threshold(1e-4)) == ("0.10", "0.75", "0.0001")
     assert percent(0.0659) == "6.59 %"
+    assert sentence("mug 3 is near") == "Mug 3 is near."
 
 
 @pytest.mark.parametrize(
@@ -27,7 +28,3 @@ def test_decimals():
 )
 def test_lists(items, text):
     assert listing(list(items)) == text
-
-
-def test_sentence():
-    assert sentence("mug 3 is near") == "Mug 3 is near."

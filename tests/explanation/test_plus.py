@@ -9,7 +9,7 @@ import pytest
 import remind_jax as rj
 from remind_jax.cli.main import main
 from remind_jax.decision import Outcome
-from remind_jax.explanation.plus.reasons import give_reasons
+from remind_jax.explanation.plus import give_reasons
 from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Stage

@@ -1,1 +1,0 @@
-"""Why plus decided as it did."""
