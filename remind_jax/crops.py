@@ -108,16 +108,14 @@ class Crops:
         height, width = window.shape
         first, last = max(top, rows.start), min(top + height, rows.stop)
         start, stop = max(left, columns.start), min(left + width, columns.stop)
-        inside = window[
-            first - top : max(first, last) - top, start - left : max(start, stop) - left
-        ]
+        last, stop = max(first, last), max(start, stop)
+        inside = window[first - top : last - top, start - left : stop - left]
         if inside.shape == (rows.stop - rows.start, columns.stop - columns.start):
             return np.ascontiguousarray(inside)
         part = np.zeros((rows.stop - rows.start, columns.stop - columns.start), bool)
         if inside.size:
-            part[first - rows.start : last - rows.start, start - columns.start :][
-                :, : stop - start
-            ] = inside
+            across = slice(start - columns.start, stop - columns.start)
+            part[first - rows.start : last - rows.start, across] = inside
         return part
 
 
@@ -130,9 +128,8 @@ def require_room(
       UnreadableFrame: If there are more.
     """
     if num > most:
-        more = (
-            "" if most == MOST_DETECTIONS else f", or room for more (static.num_detections={num})"
-        )
+        is_chosen = most != MOST_DETECTIONS
+        more = f", or room for more (static.num_detections={num})" if is_chosen else ""
         raise UnreadableFrame(
             f"{name} has {num} detections, at most {most} are taken in a frame; give the best ones "
             f"or the wanted classes only{more}"

@@ -5,6 +5,7 @@ Letters: `H W` pixels of the frame, `N` detections, `Hp Wp` patches, `D` feature
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import numbers
@@ -153,10 +154,7 @@ def frame_of(picture: Any, index: int) -> Frame:
       SourceError: If it is no RGB image, uint8 `[H, W, 3]`.
     """
     image = host_array(picture, "pixels of the frame")
-    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-        raise SourceError(
-            f"the frame is {image.dtype} of shape {image.shape}; give an RGB image, uint8 [H, W, 3]"
-        )
+    check_image("the frame", image)
     return Frame(index, index, index / UNTIMED_FPS, str(index), image)
 
 
@@ -203,12 +201,7 @@ def check_frame(frame: Any) -> None:
             shown = reprlib.repr(getattr(frame, name))
             raise SourceError(f"{name} of a frame is {shown}; it must be {wanted}")
     if frame.image is not None:
-        _check_array(f"the image of frame '{frame.name}'", frame.image, 3, "u", "uint8 [H, W, 3]")
-        if frame.image.shape[2] != 3 or frame.image.dtype != np.uint8:
-            raise SourceError(
-                f"the image of frame '{frame.name}' is {frame.image.dtype} of shape "
-                f"{frame.image.shape}; give RGB, uint8 [H, W, 3]"
-            )
+        check_image(f"the image of frame '{frame.name}'", frame.image)
         check_size(frame.image.shape[:2])
     if frame.features is not None:
         what = f"the features of frame '{frame.name}'"
@@ -244,6 +237,14 @@ def check_detections(detections: Any, name: str = "") -> None:
     for part, values in parts:
         if len(values) != num:
             raise SourceError(f"{len(values)} {part} were given for {num} masks{where}")
+
+
+def check_image(what: str, image: Any) -> None:
+    """Makes sure that it is an RGB image of bytes. Raises SourceError if it is none."""
+    dtype, shape = getattr(image, "dtype", None), getattr(image, "shape", ())
+    if dtype != np.uint8 or len(shape) != 3 or shape[2] != 3:
+        found = type(image).__name__ if dtype is None else f"{dtype} of shape {shape}"
+        raise SourceError(f"{what} is {found}; give an RGB image, uint8 [H, W, 3]")
 
 
 def _check_array(what: str, array: Any, ndim: int, kinds: str, wanted: str) -> None:
@@ -327,17 +328,13 @@ def _as_array(name: str, values: Any, kinds: str) -> np.ndarray:
 
 
 def _as_labels(labels: Any) -> tuple[str, ...]:
-    if isinstance(labels, str):
-        raise SourceError(f"labels are one text, {labels!r}; give one name per mask in a list")
-    if isinstance(labels, Set | Mapping):
-        raise SourceError(
-            f"labels are a {type(labels).__name__}, which has no order; give one name per mask in "
-            "a list"
-        )
-    try:
-        names = tuple(labels)
-    except TypeError:
-        raise SourceError(f"labels are {labels!r}; give one name per mask in a list") from None
+    names = None
+    if not isinstance(labels, str | Set | Mapping):  # one name, or names without an order
+        with contextlib.suppress(TypeError):
+            names = tuple(labels)
+    if names is None:
+        shown = reprlib.repr(labels)
+        raise SourceError(f"labels are {shown}; give one name per mask, in a list or tuple")
     for row, name in enumerate(names):
         if not isinstance(name, str):
             raise SourceError(f"label {row} is {name!r}; give the name of its class as text")

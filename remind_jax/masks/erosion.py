@@ -27,10 +27,11 @@ def erode_masks(
     eroded = []
     for row in range(len(crops)):
         left, top, width, height = crops.box(row)
+        if not width:
+            eroded.append(((0, 0), np.zeros((0, 0), bool)))
+            continue
         rows = slice(max(0, top - margin_px), min(crops.size[0], top + height + margin_px))
         columns = slice(max(0, left - margin_px), min(crops.size[1], left + width + margin_px))
-        window = crops.region(row, rows, columns) if width else np.zeros((0, 0), bool)
-        if width:
-            window = cv2.erode(window.view(np.uint8), kernel).view(bool)
-        eroded.append(((columns.start, rows.start), window))
+        window = crops.region(row, rows, columns).view(np.uint8)
+        eroded.append(((columns.start, rows.start), cv2.erode(window, kernel).view(bool)))
     return Crops.join(crops.size, eroded)
