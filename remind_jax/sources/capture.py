@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import os
 import socket
@@ -32,7 +33,6 @@ else:
 _FORMATS = f"{CONTAINERS},mpjpeg,rtsp,rtp,sdp,hls,mpegtsraw"
 _PROTOCOLS = "http,https,tcp,tls,rtsp,rtsps,rtp,srtp,udp,crypto"
 _MAX_DAMAGED = 300  # packets without a picture between two, until a stream counts as unreadable
-_SILENT = "sends no pictures"
 
 
 class Unreachable(SourceError):
@@ -83,7 +83,6 @@ class _Stream:
             "analyzeduration": "1000000",  # microseconds that finding out about it may take
             "fpsprobesize": "0",
         }
-        self._ended: str | None = None
         try:
             self._container = av.open(address.url, options=options, timeout=(wait_s, wait_s))
         except (av.error.FFmpegError, OSError, ValueError) as error:
@@ -131,7 +130,7 @@ class _Stream:
 
 def _video_of(container: av.container.InputContainer, address: StreamAddress) -> av.VideoStream:
     if not container.streams.video:
-        raise Unreachable(f"'{address.shown}' {_SILENT}; give the address of a video stream")
+        raise Unreachable(f"'{address.shown}' sends no pictures; give that of a video stream")
     stream = container.streams.video[0]
     if container.duration is not None and container.duration > 0:
         raise SourceError(
@@ -144,27 +143,29 @@ def _video_of(container: av.container.InputContainer, address: StreamAddress) ->
 
 def _say_unreachable(address: StreamAddress, error: BaseException, wait_s: float) -> str:
     """Why a stream cannot be opened, and what to do."""
+    late = f"did not answer within {wait_s:g} s; is the host right, and reachable?"
     reasons = (
         (av.error.ConnectionRefusedError, "refuses the connection; is it on, and the port right?"),
         (av.error.HTTPUnauthorizedError, "asks for a user and a password: //USER:PASSWORD@HOST"),
         (av.error.HTTPForbiddenError, "forbids access; give a user who may see it"),
         (av.error.HTTPNotFoundError, "does not exist on that host; is the path right?"),
+        (av.error.ExitError, late),
+        (av.error.TimeoutError, late),
+        (
+            av.error.InvalidDataError,
+            "sends no pictures that can be read; give the address of a video stream",
+        ),
     )
     shown = f"'{address.shown}'"
     for kind, what in reasons:
         if isinstance(error, kind):
             return f"{shown} {what}"
-    timed_out = isinstance(error, av.error.ExitError | av.error.TimeoutError)
-    if timed_out:
-        return f"{shown} did not answer within {wait_s:g} s; is the host right, and reachable?"
-    if isinstance(error, av.error.InvalidDataError):
-        return f"{shown} {_SILENT} that can be read; give the address of a video stream"
     try:
         socket.getaddrinfo(address.host, address.port)
     except OSError:
         return f"the host '{address.host}' of {shown} is unknown; is it spelled right?"
-    if isinstance(error, av.error.OSError) and error.errno == 5:
-        return f"{shown} breaks off before it {_SILENT.replace('sends no', 'sends any')}"
+    if isinstance(error, av.error.OSError) and error.errno == errno.EIO:
+        return f"{shown} breaks off before it sends any pictures"
     why = getattr(error, "strerror", None) or type(error).__name__
     return f"{shown} cannot be opened: {why}"
 
@@ -215,16 +216,11 @@ def _say_no_camera(address: CameraAddress) -> str:
     if not is_number or sys.platform == "linux":
         path = Path(f"/dev/video{address.device}" if is_number else str(address.device))
         if not path.exists():
-            return f"there is no camera '{path}'; {_say_cameras()}"
+            found = ", ".join(sorted(str(camera) for camera in Path("/dev").glob("video*")))
+            return f"there is no camera '{path}'; this machine has {found or 'none'}"
         if not os.access(path, os.R_OK):
             return (
                 f"the camera '{path}' may not be read by this user; allow it, as by joining the "
                 "group 'video'"
             )
     return f"camera '{address.shown}' cannot be opened; does another program use it?"
-
-
-def _say_cameras() -> str:
-    """Which cameras there are."""
-    found = sorted(str(path) for path in Path("/dev").glob("video*"))
-    return f"this machine has {', '.join(found)}" if found else "this machine has none"

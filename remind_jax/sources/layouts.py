@@ -87,13 +87,10 @@ def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
     Raises:
       OptionError: If it would change nothing.
     """
-    if choice.sequence is None:
-        return
     mask_folder = Path(masks) if isinstance(masks, str | Path) else None
-    if mask_folder is not None and mask_folder.is_dir() and not list_maps(mask_folder):
-        return
-    is_davis = path is not None and path.is_dir() and davis.is_davis(path)
-    if is_davis or (path is not None and davis.split_davis_path(path) is not None):
+    masks_have = mask_folder and mask_folder.is_dir() and not list_maps(mask_folder)
+    source_has = path and (davis.is_davis(path) or davis.split_davis_path(path) is not None)
+    if choice.sequence is None or masks_have or source_has:
         return
     source = "the source" if path is None else f"'{path}'"
     raise OptionError(
@@ -104,14 +101,14 @@ def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
 
 
 def _locate_in_folder(path: Path, choice: Choice) -> Located:
-    inside = davis.split_davis_path(path)
-    if inside is not None:
+    if (inside := davis.split_davis_path(path)) is not None:
         root, sequence = inside
-        chosen = dataclasses.replace(choice, sequence=sequence or choice.sequence)
-        return _locate_davis(root, chosen)
-    name = choice.name or path.name
+        return _locate_davis(
+            root, dataclasses.replace(choice, sequence=sequence or choice.sequence)
+        )
     if davis.is_davis(path):
         return _locate_davis(path, choice)
+    name = choice.name or path.name
     if list_images(path):
         return ImageReader(path, name, choice.image_fps), None
     images = scannetpp.find_images(path)
