@@ -63,7 +63,6 @@ def test_layouts_are_told_by_shapes(outputs, expected):
     if expected is None:
         assert layout is None
     else:
-        assert layout is not None
         assert (layout.num_coefficients, layout.num_classes, layout.suppressed) == expected
 
 
