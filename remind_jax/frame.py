@@ -83,13 +83,7 @@ class Detections:
         Raises:
           SourceError: If a side is no number of pixels.
         """
-        for side in (height_px, width_px):
-            if not isinstance(side, numbers.Integral) or not 0 <= int(side) <= MAX_SIDE_PX:
-                raise SourceError(
-                    f"a frame cannot be {reprlib.repr(height_px)} by {reprlib.repr(width_px)} "
-                    f"pixels; give whole numbers up to {MAX_SIDE_PX}"
-                )
-        return cls.create(np.zeros((0, height_px, width_px), bool))
+        return cls.create(np.zeros((0, *check_size((height_px, width_px))), bool))
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -170,14 +164,11 @@ def check_size(frame_size: Any) -> tuple[int, int]:
         raise SourceError(
             f"the frame size is {reprlib.repr(frame_size)}; give height and width in whole pixels"
         ) from error
-    if not (0 < height <= MAX_SIDE_PX and 0 < width <= MAX_SIDE_PX):
+    sides_fit = 0 < min(height, width) <= max(height, width) <= MAX_SIDE_PX
+    if not sides_fit or height * width > MAX_PIXELS:
         raise SourceError(
             f"frames of {width}x{height} pixels cannot be tracked; give sides from 1 to "
-            f"{MAX_SIDE_PX}"
-        )
-    if height * width > MAX_PIXELS:
-        raise SourceError(
-            f"frames of {width}x{height} pixels are too large; at most {MAX_PIXELS} pixels"
+            f"{MAX_SIDE_PX}, and at most {MAX_PIXELS} pixels"
         )
     return height, width
 
@@ -275,11 +266,7 @@ def as_masks(values: Any) -> Bool[np.ndarray, "N H W"]:
         is for whoever made them to say.
       UnreadableFrame: If they are too many, or take more than is meant for a frame.
     """
-    masks = _as_array("masks", values, "buif")
-    if masks.ndim != 3:
-        raise SourceError(
-            f"masks have shape {masks.shape}; give one [H, W] plane per detection, [N, H, W]"
-        )
+    masks = _as_array("masks", values, "buif", 3, "one [H, W] plane per detection, [N, H, W]")
     require_room(len(masks), masks.shape[1:], "a frame")
     if masks.dtype.kind in "if" and masks.size:
         odd = masks[(masks % 1 != 0) | (masks < 0)]
@@ -316,14 +303,17 @@ def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H
     return masks
 
 
-def _as_array(name: str, values: Any, kinds: str) -> np.ndarray:
+def _as_array(
+    name: str, values: Any, kinds: str, ndim: int = 1, wanted: str = "one number per mask, [N]"
+) -> np.ndarray:
     """An array of finite numbers of these kinds."""
     array = host_array(values, name)
     if array.dtype.kind not in kinds and array.size:
-        what = "numbers, non-zero inside" if name == "masks" else "numbers"
-        raise SourceError(f"{name} are {array.dtype}; give {what}")
+        raise SourceError(f"{name} are {array.dtype}; give numbers")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise SourceError(f"{name} hold NaN or infinity; give finite numbers")
+    if array.ndim != ndim:
+        raise SourceError(f"{name} have shape {array.shape}; give {wanted}")
     return array
 
 
@@ -349,10 +339,7 @@ def _as_labels(labels: Any) -> tuple[str, ...]:
 
 
 def _as_scores(scores: Any) -> Float[np.ndarray, "N"]:
-    confidence = _as_array("scores", scores, "buif")
-    if confidence.ndim != 1:
-        raise SourceError(f"scores have shape {confidence.shape}; give one number per mask, [N]")
-    confidence = confidence.astype(np.float32)
+    confidence = _as_array("scores", scores, "buif").astype(np.float32)
     outside = np.flatnonzero((confidence < 0) | (confidence > 1))
     if len(outside):
         row = int(outside[0])
@@ -362,8 +349,6 @@ def _as_scores(scores: Any) -> Float[np.ndarray, "N"]:
 
 def _as_ids(ids: Any) -> Int[np.ndarray, "N"]:
     numbers = _as_array("instance_ids", ids, "uif")
-    if numbers.ndim != 1:
-        raise SourceError(f"instance_ids have shape {numbers.shape}; give one number per mask, [N]")
     is_sound = (np.abs(numbers.astype(float)) < 2**31) & (numbers.astype(float) % 1 == 0)
     if not is_sound.all():
         row = int(np.flatnonzero(~is_sound)[0])

@@ -23,20 +23,19 @@ from remind_jax import files
 from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 from remind_jax.files import limits
-from remind_jax.files.records import Count
+from remind_jax.files.records import Count, Side
+from remind_jax.formats.coco import Name
 from remind_jax.formats.firm import firm_rows
 from remind_jax.formats.rows import RowCollector, TrackRows
-from remind_jax.frame import Rle, fill_boxes
+from remind_jax.frame import Rle, check_size, fill_boxes
 from remind_jax.masks.run_length import decode_mask, encode_masks, encode_polygon, mask_box
 from remind_jax.printing.terminal import printable
 from remind_jax.tracks import Tracks
 
 NAME_IN_ZIP = "annotations.xml"
 _Pixel = Annotated[int, Meta(ge=0, le=limits.MAX_SIDE_PX)]
-_Side = Annotated[int, Meta(ge=1, le=limits.MAX_SIDE_PX)]
 _Coordinate = Annotated[float, Meta(ge=-1e9, le=1e9)]
 _Frame = Annotated[int, Meta(ge=0, lt=limits.MAX_FRAMES)]
-_Label = Annotated[str, Meta(min_length=1, max_length=limits.MAX_LABEL)]
 _Size = tuple[int, int]  # height and width in pixels
 
 
@@ -66,12 +65,12 @@ class _Polygon(_Shape, frozen=True, kw_only=True):
 
 class _Track(msgspec.Struct, frozen=True):
     id: Count
-    label: _Label
+    label: Name
 
 
 class _FrameSize(msgspec.Struct, frozen=True):
-    height: _Side
-    width: _Side
+    height: Side
+    width: Side
 
 
 _SHAPES: Mapping[str, type[_Shape]] = {"box": _Box, "mask": _Mask, "polygon": _Polygon}
@@ -156,9 +155,7 @@ def _frame_size(root: ElementTree.Element) -> _Size | None:
         return None
     said = {part.tag: part.text or "" for part in element}
     size = msgspec.convert(said, _FrameSize, strict=False)
-    if size.height * size.width > limits.MAX_PIXELS:
-        raise ValueError(f"frames of {size.width}x{size.height} pixels are larger than is read")
-    return size.height, size.width
+    return check_size((size.height, size.width))
 
 
 def _read_track(

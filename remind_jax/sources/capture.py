@@ -96,7 +96,6 @@ class _Stream:
         self._wait_s = wait_s
 
     def read(self) -> Picture | None:
-        """The next picture as it is decoded; see `Capture`."""
         try:
             frame = next(self._pictures, None)
         except av.error.ExitError:
@@ -108,7 +107,6 @@ class _Stream:
         return None if frame is None else functools.partial(read_picture, frame)
 
     def close(self) -> None:
-        """Hangs up."""
         with contextlib.suppress(av.error.FFmpegError, OSError):
             self._container.close()
 
@@ -194,14 +192,12 @@ class _Camera:
         self._device.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the newest picture, where drivers can
 
     def read(self) -> Picture | None:
-        """The next picture; see `Capture`."""
         is_there, pixels = self._device.read()
         if not is_there or pixels is None:
             raise Lost("gave no picture")
         return functools.partial(_content_of_bgr, pixels)
 
     def close(self) -> None:
-        """Lets go of the camera."""
         self._device.release()
 
 

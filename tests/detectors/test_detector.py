@@ -91,37 +91,25 @@ def test_an_unknown_network_is_told_what_is_known(tmp_path):
     assert "\n" not in message
 
 
-@pytest.mark.parametrize("shape", [(4, 3, 96, 128), (1, 1, 96, 128), (1, 96, 128)])
-def test_inputs_other_than_one_rgb_image_are_refused(tmp_path, shape):
-    path = write_fixed_answer(tmp_path / "odd.onnx", raw_outputs(), shape, NAMES)
-    with pytest.raises(WeightsError, match="a detector has one, an RGB image"):
-        as_detector(path)
-
-
-def test_a_model_with_two_inputs_is_no_detector(tmp_path):
-    path = tmp_path / "two.onnx"
-    shape = (1, 3, 6, 8)
-    path.write_bytes(
-        model([node("Add", ["a", "b"], "sum")], {"a": shape, "b": shape}, {"sum": shape})
-    )
+def test_inputs_other_than_one_rgb_image_are_refused(tmp_path):
+    path, shape = tmp_path / "odd.onnx", (1, 3, 6, 8)
+    for odd in ((4, 3, 96, 128), (1, 1, 96, 128), (1, 96, 128)):
+        write_fixed_answer(path, raw_outputs(), odd, NAMES)
+        with pytest.raises(WeightsError, match="a detector has one, an RGB image"):
+            as_detector(path)
+    two = model([node("Add", ["a", "b"], "sum")], {"a": shape, "b": shape}, {"sum": shape})
+    path.write_bytes(two)
     with pytest.raises(WeightsError, match=r"inputs a \[1, 3, 6, 8\] of float, b"):
         as_detector(path)
 
 
-@pytest.mark.parametrize(
-    "image",
-    [
-        FRAME.astype(np.float32),
-        FRAME[..., 0],
-        np.zeros((4, 4, 4), np.uint8),
-        np.zeros((0, 4, 3), np.uint8),
-        None,
-    ],
-)
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_frames_that_are_no_rgb_image_are_refused(image):
-    with pytest.raises(SourceError, match=r"uint8 \[H, W, 3\]|frames of 4x0 pixels"):
-        CallableDetector(lambda image: Detections.empty(4, 4))(image)
+def test_frames_that_are_no_rgb_image_are_refused():
+    detector = CallableDetector(lambda image: None)
+    others = np.zeros((4, 4, 4), np.uint8), np.zeros((0, 4, 3), np.uint8), None
+    for image in (FRAME.astype(np.float32), FRAME[..., 0], *others):
+        with pytest.raises(SourceError, match=r"uint8 \[H, W, 3\]|frames of 4x0 pixels"):
+            detector(image)
 
 
 def one_dot(image: np.ndarray) -> Detections:

@@ -66,7 +66,6 @@ def shapes(draw):
 @given(st.lists(shapes(), min_size=1, max_size=4))
 def test_gap_is_the_least_chamfer_distance(masks):
     found = relate(masks, num_slots=5, scale_min_px=1000.0)  # everything is close
-    assert found.exact is not None
     np.testing.assert_array_equal(found.gap_px, found.gap_px.T)
     for i, one in enumerate(masks):
         for j, other in enumerate(masks):

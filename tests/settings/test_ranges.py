@@ -108,11 +108,8 @@ def test_thresholds_put_together_in_python_are_checked():
         load_config(Config(thresholds=thresholds))
 
 
-def test_arrays_pass_as_they_are_sweeps():
+def test_arrays_pass_as_they_are_sweeps_and_the_reason_of_a_limit_is_said():
     check_range("x", np.array([1.0, 9e9]), Setting("", "score"))
-
-
-def test_the_reason_of_a_limit_is_said():
     with pytest.raises(ConfigError, match="x is 4; supported: up to 3, there is no room for more"):
         check_range("x", 4, Setting("so many", most=3, why="there is no room for more"))
 
