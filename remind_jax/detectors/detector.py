@@ -22,7 +22,6 @@ from remind_jax.detectors.onnx_model import OnnxModel, Signature, image_input
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError, WeightsError
 from remind_jax.frame import Detections, check_image, check_size
-from remind_jax.masks.erosion import erode_masks
 
 # What is known of one family of networks: `prepare` a frame, `decode` the outputs.
 SegmentationHead = yolo_seg.YoloSeg | rfdetr_seg.RfDetrSeg
@@ -139,7 +138,7 @@ def refine_detections(
     is_admitted = np.array([options.admits(label) for label in detections.labels], bool)
     detections = detections.select((detections.scores >= options.confidence) & is_admitted)
     crops = Crops.of(detections.masks)
-    left = erode_masks(crops, options.erosion_px, margin_px=options.erosion_px)
+    left = crops.eroded(options.erosion_px, margin_px=options.erosion_px)
     keep, empty = left.areas >= options.min_mask_px, crops.areas == 0
     eroded = ~empty & (left.areas == 0)
     small = ~keep & ~empty & ~eroded

@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.crops import Crops
-from remind_jax.masks.erosion import erode_masks
 from remind_jax.masks.relations import find_row_ends, relate_masks
 from remind_jax.observation import AnyFeats, FrameFeats, MaskRelations, Masks
 
@@ -60,7 +59,7 @@ def reduce_masks(
     Returns:
       Masks of NumPy arrays.
     """
-    crops = erode_masks(masks, erosion_px, margin_px=0)
+    crops = Crops.of(masks).eroded(erosion_px, margin_px=0)
     num, height_px, width_px = crops.shape
     size, grid = (height_px, width_px), (height_px // patch_px, width_px // patch_px)
     coverage = np.zeros((num_slots, *grid), np.float32)

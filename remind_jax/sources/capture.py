@@ -18,7 +18,7 @@ import numpy as np
 
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_PICTURE_PIXELS
-from remind_jax.sources.address import Address, CameraAddress, StreamAddress
+from remind_jax.sources.address import Address
 from remind_jax.sources.source import Content
 from remind_jax.sources.video import CONTAINERS, check_video_size, read_picture
 
@@ -66,15 +66,13 @@ class Capture(Protocol):
 
 def open_capture(address: Address, wait_s: float) -> Capture:
     """Opens a camera or a stream. Raises Unreachable if that fails; it may be tried again."""
-    if isinstance(address, CameraAddress):
-        return _Camera(address)
-    return _Stream(address, wait_s)
+    return _Camera(address) if address.kind == "camera" else _Stream(address, wait_s)
 
 
 class _Stream:
     """A stream by FFmpeg, which raises at the end of the time given."""
 
-    def __init__(self, address: StreamAddress, wait_s: float) -> None:
+    def __init__(self, address: Address, wait_s: float) -> None:
         options = {
             "format_whitelist": _FORMATS,
             "protocol_whitelist": _PROTOCOLS,
@@ -83,8 +81,9 @@ class _Stream:
             "analyzeduration": "1000000",  # microseconds that finding out about it may take
             "fpsprobesize": "0",
         }
+        url, wait = str(address.target), (wait_s, wait_s)
         try:
-            self._container = av.open(address.url, options=options, timeout=(wait_s, wait_s))
+            self._container = av.open(url, options=options, timeout=wait)
         except (av.error.FFmpegError, OSError, ValueError) as error:
             # The address in the text of the error may hold a password.
             raise Unreachable(_say_unreachable(address, error, wait_s)) from None
@@ -126,7 +125,7 @@ class _Stream:
             yield from frames
 
 
-def _video_of(container: av.container.InputContainer, address: StreamAddress) -> av.VideoStream:
+def _video_of(container: av.container.InputContainer, address: Address) -> av.VideoStream:
     if not container.streams.video:
         raise Unreachable(f"'{address.shown}' sends no pictures; give that of a video stream")
     stream = container.streams.video[0]
@@ -139,7 +138,7 @@ def _video_of(container: av.container.InputContainer, address: StreamAddress) ->
     return stream
 
 
-def _say_unreachable(address: StreamAddress, error: BaseException, wait_s: float) -> str:
+def _say_unreachable(address: Address, error: BaseException, wait_s: float) -> str:
     """Why a stream cannot be opened, and what to do."""
     late = f"did not answer within {wait_s:g} s; is the host right, and reachable?"
     reasons = (
@@ -171,9 +170,8 @@ def _say_unreachable(address: StreamAddress, error: BaseException, wait_s: float
 class _Camera:
     """A camera by OpenCV."""
 
-    def __init__(self, address: CameraAddress) -> None:
-        self._shown = address.shown
-        device = address.device
+    def __init__(self, address: Address) -> None:
+        device = address.target
         if isinstance(device, str) and not os.access(device, os.R_OK):
             raise Unreachable(_say_no_camera(address))
         log: Any = cv2.utils.logging
@@ -206,11 +204,11 @@ def _content_of_bgr(pixels: np.ndarray) -> Content:
     return Content(cv2.cvtColor(pixels, code))
 
 
-def _say_no_camera(address: CameraAddress) -> str:
+def _say_no_camera(address: Address) -> str:
     """Why there is no picture of a camera, as far as the system tells."""
-    is_number = isinstance(address.device, int)
+    is_number = isinstance(address.target, int)
     if not is_number or sys.platform == "linux":
-        path = Path(f"/dev/video{address.device}" if is_number else str(address.device))
+        path = Path(f"/dev/video{address.target}" if is_number else str(address.target))
         if not path.exists():
             found = ", ".join(sorted(str(camera) for camera in Path("/dev").glob("video*")))
             return f"there is no camera '{path}'; this machine has {found or 'none'}"

@@ -16,7 +16,7 @@ from typing import Any
 from remind_jax.errors import OptionError, SourceError
 from remind_jax.frame import Frame, SkippedFrame
 from remind_jax.settings.ranges import check_option
-from remind_jax.sources.address import CameraAddress, read_address
+from remind_jax.sources.address import read_address
 from remind_jax.sources.capture import Capture, open_capture
 from remind_jax.sources.feed import Arrival, Feed, State
 from remind_jax.sources.sampling import Sampling
@@ -222,7 +222,6 @@ def open_live(
         raise SourceError(
             f"'{address.shown}' is live, so that no masks can belong to its frames; give a detector"
         )
-    kind = "camera" if isinstance(address, CameraAddress) else "stream"
     open_it = functools.partial(open_capture, address)
-    reader = LiveReader(kind, name or address.name, address.shown, open_it, options)
+    reader = LiveReader(address.kind, name or address.name, address.shown, open_it, options)
     return LiveSource(reader, sampling)

@@ -15,7 +15,7 @@ import pytest
 import remind_jax as rj
 from remind_jax.errors import SourceError
 from remind_jax.sources import capture
-from remind_jax.sources.address import CameraAddress, read_address
+from remind_jax.sources.address import read_address
 from remind_jax.sources.capture import Lost, Unreachable, open_capture
 from tests.cli.scenes import write_video
 from tests.sources.cameras import Camera, number_in
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.heavy
 WAIT_S = 5.0
 
 
-def open_url(url: str, wait_s: float = WAIT_S) -> capture.Capture:
+def open_url(url: str | int, wait_s: float = WAIT_S) -> capture.Capture:
     address = read_address(url)
     return open_capture(address, wait_s)
 
@@ -176,7 +176,7 @@ class Device:
 
 def test_pictures_of_a_camera_are_rgb_and_end_where_it_is_unplugged(monkeypatch):
     monkeypatch.setattr(cv2, "VideoCapture", Device)
-    camera = open_capture(CameraAddress(0, "camera-0"), WAIT_S)
+    camera = open_url(0)
     picture = camera.read()
     content = picture()
     assert content.image[0, 0].tolist() == [0, 0, 200]
@@ -200,11 +200,11 @@ def test_a_camera_that_is_in_use(monkeypatch, tmp_path):
     monkeypatch.setattr(capture.Path, "exists", lambda path: True)
     monkeypatch.setattr(capture.os, "access", lambda path, mode: True)
     with pytest.raises(Unreachable, match="camera 'camera-5' cannot be opened; does another prog"):
-        open_capture(CameraAddress(5, "camera-5"), WAIT_S)
+        open_url(5)
 
 
 def test_a_camera_that_may_not_be_read(monkeypatch):
     monkeypatch.setattr(capture.Path, "exists", lambda path: True)
     monkeypatch.setattr(capture.os, "access", lambda path, mode: False)
     with pytest.raises(Unreachable, match="may not be read by this user; allow it"):
-        open_capture(CameraAddress("/dev/video0", "camera-video0"), WAIT_S)
+        open_url("/dev/video0")
