@@ -122,11 +122,7 @@ def check_switch(name: str, value: Any) -> None:
 
 
 def check_function(name: str, value: Any) -> None:
-    """Checks what is called later.
-
-    Raises:
-      OptionError: If it cannot be called; None may be left out.
-    """
+    """Raises OptionError if what is called later cannot be called; None may be left out."""
     if value is not None and not callable(value):
         raise OptionError(f"'{name}' is {reprlib.repr(value)}; give a function", name)
 

@@ -53,11 +53,7 @@ def locate(path: Path, choice: Choice) -> Located:
 
 
 def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
-    """Opens the instance maps of a folder that was named for them.
-
-    Raises:
-      SourceError: If there are none.
-    """
+    """Opens the instance maps of a folder that was named for them; SourceError if it has none."""
     if not path.is_dir():
         raise SourceError(
             f"'{path}' is no folder; masks are a folder of instance maps "
@@ -82,11 +78,7 @@ def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
 
 
 def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
-    """Refuses the name of a sequence where a source and its masks leave no choice of one.
-
-    Raises:
-      OptionError: If it would change nothing.
-    """
+    """Raises OptionError if a sequence is named where source and masks leave no choice of one."""
     mask_folder = Path(masks) if isinstance(masks, str | Path) else None
     masks_have = mask_folder and mask_folder.is_dir() and not list_maps(mask_folder)
     source_has = path and (davis.is_davis(path) or davis.split_davis_path(path) is not None)

@@ -36,11 +36,7 @@ PASSED_OVER = "a newer one was there when the tracker was ready"
 
 @dataclasses.dataclass(frozen=True)
 class LiveOptions:
-    """How a live source is read.
-
-    Raises:
-      OptionError: If a value is out of range.
-    """
+    """How a live source is read. Raises OptionError if a value is out of range."""
 
     duration: float | None = None  # end after so many seconds
     reconnect: float = RECONNECT_S  # seconds that a lost source is waited for
@@ -51,11 +47,7 @@ class LiveOptions:
         check_option("reconnect", self.reconnect, 0, _MAX_SECONDS, whole=False)
 
     def refuse_for_recordings(self, shown: str) -> None:
-        """Refuses options that change nothing where a source does not go on by itself.
-
-        Raises:
-          OptionError: If one is given.
-        """
+        """Raises OptionError if one is given for a source that does not go on by itself."""
         for field in dataclasses.fields(self):
             if getattr(self, field.name) != field.default:
                 raise OptionError(
@@ -77,11 +69,7 @@ class SourceStatus:
 
 
 class LiveReader:
-    """Pictures of a live source, as a `Reader`.
-
-    Raises:
-      SourceError: If it cannot be opened.
-    """
+    """Pictures of a live source, as a `Reader`. Raises SourceError if it cannot be opened."""
 
     entry_names: tuple[str, ...] | None = None
     num_entries: int | None = None

@@ -144,11 +144,7 @@ def _video_stream(container: av.container.InputContainer, file: Path) -> av.Vide
 
 
 def check_video_size(stream: av.VideoStream, shown: str) -> None:
-    """Refuses a stream of larger pictures than are read.
-
-    Raises:
-      SourceError: If it is such a stream.
-    """
+    """Raises SourceError if a stream is of larger pictures than are read."""
     width, height = stream.width, stream.height
     if width * height > MAX_PICTURE_PIXELS or max(width, height) > MAX_SIDE_PX:
         raise SourceError(
