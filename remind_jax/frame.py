@@ -71,9 +71,7 @@ class Detections:
         names = ("object",) * num if labels is None else _as_labels(labels)
         confidence = np.ones(num, np.float32) if scores is None else _as_scores(scores)
         ids = np.full(num, NO_INSTANCE, np.int32) if instance_ids is None else _as_ids(instance_ids)
-        for name, values in (("labels", names), ("scores", confidence), ("instance_ids", ids)):
-            if len(values) != num:
-                raise SourceError(f"{len(values)} {name} were given for {num} masks")
+        _check_lengths(num, labels=names, scores=confidence, instance_ids=ids)
         return cls(planes, names, confidence, ids)
 
     @classmethod
@@ -224,8 +222,12 @@ def check_detections(detections: Any, name: str = "") -> None:
     _check_array(f"instance ids{where}", detections.instance_ids, 1, "iu", "whole numbers [N]")
     if not np.isfinite(detections.scores).all():
         raise SourceError(f"scores{where} are not all finite; give numbers from 0 to 1")
-    parts = (("labels", labels), ("scores", detections.scores), ("ids", detections.instance_ids))
-    for part, values in parts:
+    ids = detections.instance_ids
+    _check_lengths(num, where, labels=labels, scores=detections.scores, instance_ids=ids)
+
+
+def _check_lengths(num: int, where: str = "", **parts: Any) -> None:
+    for part, values in parts.items():
         if len(values) != num:
             raise SourceError(f"{len(values)} {part} were given for {num} masks{where}")
 

@@ -21,6 +21,7 @@ from remind_jax.detectors.exports import refuse_other_formats
 from remind_jax.detectors.onnx_model import OnnxModel, Signature, image_input
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError, WeightsError
+from remind_jax.files.host_array import host_array
 from remind_jax.frame import Detections, check_image, check_size
 
 # What is known of one family of networks: `prepare` a frame, `decode` the outputs.
@@ -70,6 +71,7 @@ class _Refined:
             form that `remind_jax.sources.detections.detections_from` understands.
           WeightsError: If the network fails on it.
         """
+        image = host_array(image, "pixels of the frame")
         check_image("what the detector got", image)
         size = check_size(image.shape[:2])
         detections, drops = refine_detections(self._detect(image, size), self.options)

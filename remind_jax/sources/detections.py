@@ -189,7 +189,7 @@ def name_classes(class_ids: Any, class_names: ClassNaming | None) -> tuple[str, 
     if array.dtype.kind == "f":
         is_whole = bool((np.isfinite(array) & (array % 1 == 0)).all())
     if not is_whole:
-        raise SourceError(f"class ids are {array.dtype} that are not whole; give whole numbers")
+        raise SourceError(f"class ids are no whole numbers, but {array.dtype}; give whole numbers")
     ids = [int(i) for i in array.ravel()]
     if class_names is None:
         return tuple(str(i) for i in ids)

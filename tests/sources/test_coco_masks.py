@@ -119,20 +119,12 @@ def test_frames_one_per_line(tmp_path):
 @pytest.mark.parametrize(
     ("numbers", "sampling", "told"),
     [
-        (
-            range(4),
-            Sampling(stride=3),
-            "of 2 of 4 frames belong to no frame that was processed, and 2 of 4",
-        ),
-        (
-            range(1, 13),
-            None,
-            "of 1 of 12 frames belong to no frame that was processed, and 1 of 12",
-        ),
-        (range(14), None, "of 2 of 14 frames belong to no frame that was processed, and 0 of 12"),
-        (range(12), Sampling(stride=3), ""),
-        (range(12), Sampling(end=5), ""),
-        ((0, 5), None, ""),
+        (range(4), Sampling(stride=3), ("2 of 4", "2 of 4")),
+        (range(1, 13), None, ("1 of 12", "1 of 12")),
+        (range(14), None, ("2 of 14", "0 of 12")),
+        (range(12), Sampling(stride=3), None),
+        (range(12), Sampling(end=5), None),
+        ((0, 5), None, None),
     ],
     ids=["processed frames", "from one", "beyond the end", "of the source", "a part", "some"],
 )
@@ -143,8 +135,11 @@ def test_detections_of_no_frame_are_counted_and_told(tmp_path, numbers, sampling
     source = open_source(tmp_path / "a.mp4", masks=tmp_path / "d.json", sampling=sampling)
     for _ in range(2):
         assert sum(1 for _ in source) > 0
-        assert told in " ".join(source.notes)
         assert len(source.notes) == bool(told)
+        if told:
+            unused, lacking = told
+            said = f"{unused} frames belong to no frame that was processed, and {lacking} processed"
+            assert said in source.notes[0]
 
 
 @pytest.mark.parametrize("form", ["tracks", "results", "images"])

@@ -63,23 +63,17 @@ def test_names_of_the_answer_go_before_names_of_the_call():
     assert detections_from(answer, SIZE, ["a", "b"]).labels == ("a", "b")
 
 
-def test_automatic_masks_of_sam():
+def test_automatic_masks_of_sam_also_as_run_lengths():
     found = detections_from(sam_masks(MASKS, [0.75, 1.02]), SIZE)
     np.testing.assert_array_equal(found.masks, MASKS)
     assert found.labels == ("object", "object")
     assert found.scores.tolist() == [0.75, 1.0]
-
-
-@pytest.mark.parametrize("as_counts", [str, str.encode])
-def test_automatic_masks_of_sam_as_run_lengths(as_counts):
-    answer = sam_masks(MASKS)
-    for item, mask in zip(answer, MASKS, strict=True):
-        code = encode(mask)
-        item["segmentation"] = {**code, "counts": as_counts(code["counts"])}
-        del item["predicted_iou"]
-    found = detections_from(answer, SIZE)
-    np.testing.assert_array_equal(found.masks, MASKS)
-    assert found.scores.tolist() == [1.0, 1.0]
+    for as_counts in (str, str.encode):
+        codes = [encode(mask) for mask in MASKS]
+        answer = [{"segmentation": {**c, "counts": as_counts(c["counts"])}} for c in codes]
+        found = detections_from(answer, SIZE)
+        np.testing.assert_array_equal(found.masks, MASKS)
+        assert found.scores.tolist() == [1.0, 1.0]
 
 
 @pytest.mark.parametrize(
