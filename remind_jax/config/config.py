@@ -351,7 +351,8 @@ def _coerce(value: Any, old: Any, name: str) -> Any:
         fits = is_number and isinstance(value, int) and -(2**31) <= value < 2**31
         wanted = "a whole number of at most 31 bits"
     elif isinstance(old, float):
-        fits, wanted = is_number and abs(value) <= _LARGEST, "a finite number"  # NaN is none
+        fits = is_number and abs(value) <= _LARGEST  # NaN is not
+        wanted = "a finite number" if is_number else "a number"
         value = float(value) if fits else value
     elif isinstance(old, tuple):
         fits, wanted = isinstance(value, (list, tuple)), "a list"

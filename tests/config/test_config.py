@@ -196,7 +196,7 @@ def test_bases_in_a_circle_are_refused(tmp_path):
         ({"thresholds": 3}, "thresholds.*keys and values"),
         (
             {"base": "remind", "thresholds": {"matching": {"match": "high"}}},
-            "match in changes is 'high'; it must be a finite number",
+            "match in changes is 'high'; it must be a number",
         ),
         ({"thresholds": {"looks": {"whitening": 1}}}, "true or false"),
         ({"base": "remind", "static": {"appearance_slots": 20}}, "a list"),
