@@ -98,6 +98,30 @@ class Crops:
             cut.append(((columns.start, rows.start), inside))
         return self.join((len(from_row), len(from_column)), cut)
 
+    def eroded(self, radius_px: int, *, margin_px: int) -> Crops:
+        """Erodes every mask once with a square of `2 * radius_px + 1` pixels.
+
+        Args:
+          radius_px: Pixels that a mask loses on every side; 0 leaves the masks as they are.
+          margin_px: What lies farther outside the box around a mask, or outside the image, counts
+            as inside the mask: with the radius as margin, only the border of the image does not
+            erode, with 0 the sides of the box do not either.
+        """
+        if radius_px <= 0:
+            return self
+        kernel = np.ones((2 * radius_px + 1,) * 2, np.uint8)
+        eroded = []
+        for row in range(len(self)):
+            left, top, width, height = self.box(row)
+            if not width:
+                eroded.append(((0, 0), np.zeros((0, 0), bool)))
+                continue
+            rows = slice(max(0, top - margin_px), min(self.size[0], top + height + margin_px))
+            columns = slice(max(0, left - margin_px), min(self.size[1], left + width + margin_px))
+            window = self.region(row, rows, columns).view(np.uint8)
+            eroded.append(((columns.start, rows.start), cv2.erode(window, kernel).view(bool)))
+        return self.join(self.size, eroded)
+
     def region(self, row: int, rows: slice, columns: slice) -> Bool[np.ndarray, "_h _w"]:
         """A part of a mask, which may reach beyond its box; contiguous.
 
@@ -108,16 +132,14 @@ class Crops:
         height, width = window.shape
         first, last = max(top, rows.start), min(top + height, rows.stop)
         start, stop = max(left, columns.start), min(left + width, columns.stop)
-        inside = window[
-            first - top : max(first, last) - top, start - left : max(start, stop) - left
-        ]
+        last, stop = max(first, last), max(start, stop)
+        inside = window[first - top : last - top, start - left : stop - left]
         if inside.shape == (rows.stop - rows.start, columns.stop - columns.start):
             return np.ascontiguousarray(inside)
         part = np.zeros((rows.stop - rows.start, columns.stop - columns.start), bool)
         if inside.size:
-            part[first - rows.start : last - rows.start, start - columns.start :][
-                :, : stop - start
-            ] = inside
+            across = slice(start - columns.start, stop - columns.start)
+            part[first - rows.start : last - rows.start, across] = inside
         return part
 
 
@@ -130,9 +152,8 @@ def require_room(
       UnreadableFrame: If there are more.
     """
     if num > most:
-        more = (
-            "" if most == MOST_DETECTIONS else f", or room for more (static.num_detections={num})"
-        )
+        is_chosen = most != MOST_DETECTIONS
+        more = f", or room for more (static.num_detections={num})" if is_chosen else ""
         raise UnreadableFrame(
             f"{name} has {num} detections, at most {most} are taken in a frame; give the best ones "
             f"or the wanted classes only{more}"

@@ -5,6 +5,7 @@ Letters: `H W` pixels of the frame, `N` detections, `Hp Wp` patches, `D` feature
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import numbers
@@ -70,9 +71,7 @@ class Detections:
         names = ("object",) * num if labels is None else _as_labels(labels)
         confidence = np.ones(num, np.float32) if scores is None else _as_scores(scores)
         ids = np.full(num, NO_INSTANCE, np.int32) if instance_ids is None else _as_ids(instance_ids)
-        for name, values in (("labels", names), ("scores", confidence), ("instance_ids", ids)):
-            if len(values) != num:
-                raise SourceError(f"{len(values)} {name} were given for {num} masks")
+        _check_lengths(num, labels=names, scores=confidence, instance_ids=ids)
         return cls(planes, names, confidence, ids)
 
     @classmethod
@@ -82,13 +81,7 @@ class Detections:
         Raises:
           SourceError: If a side is no number of pixels.
         """
-        for side in (height_px, width_px):
-            if not isinstance(side, numbers.Integral) or not 0 <= int(side) <= MAX_SIDE_PX:
-                raise SourceError(
-                    f"a frame cannot be {reprlib.repr(height_px)} by {reprlib.repr(width_px)} "
-                    f"pixels; give whole numbers up to {MAX_SIDE_PX}"
-                )
-        return cls.create(np.zeros((0, height_px, width_px), bool))
+        return cls.create(np.zeros((0, *check_size((height_px, width_px))), bool))
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -153,10 +146,7 @@ def frame_of(picture: Any, index: int) -> Frame:
       SourceError: If it is no RGB image, uint8 `[H, W, 3]`.
     """
     image = host_array(picture, "pixels of the frame")
-    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-        raise SourceError(
-            f"the frame is {image.dtype} of shape {image.shape}; give an RGB image, uint8 [H, W, 3]"
-        )
+    check_image("the frame", image)
     return Frame(index, index, index / UNTIMED_FPS, str(index), image)
 
 
@@ -172,14 +162,11 @@ def check_size(frame_size: Any) -> tuple[int, int]:
         raise SourceError(
             f"the frame size is {reprlib.repr(frame_size)}; give height and width in whole pixels"
         ) from error
-    if not (0 < height <= MAX_SIDE_PX and 0 < width <= MAX_SIDE_PX):
+    sides_fit = 0 < min(height, width) <= max(height, width) <= MAX_SIDE_PX
+    if not sides_fit or height * width > MAX_PIXELS:
         raise SourceError(
             f"frames of {width}x{height} pixels cannot be tracked; give sides from 1 to "
-            f"{MAX_SIDE_PX}"
-        )
-    if height * width > MAX_PIXELS:
-        raise SourceError(
-            f"frames of {width}x{height} pixels are too large; at most {MAX_PIXELS} pixels"
+            f"{MAX_SIDE_PX}, and at most {MAX_PIXELS} pixels"
         )
     return height, width
 
@@ -203,12 +190,7 @@ def check_frame(frame: Any) -> None:
             shown = reprlib.repr(getattr(frame, name))
             raise SourceError(f"{name} of a frame is {shown}; it must be {wanted}")
     if frame.image is not None:
-        _check_array(f"the image of frame '{frame.name}'", frame.image, 3, "u", "uint8 [H, W, 3]")
-        if frame.image.shape[2] != 3 or frame.image.dtype != np.uint8:
-            raise SourceError(
-                f"the image of frame '{frame.name}' is {frame.image.dtype} of shape "
-                f"{frame.image.shape}; give RGB, uint8 [H, W, 3]"
-            )
+        check_image(f"the image of frame '{frame.name}'", frame.image)
         check_size(frame.image.shape[:2])
     if frame.features is not None:
         what = f"the features of frame '{frame.name}'"
@@ -240,10 +222,22 @@ def check_detections(detections: Any, name: str = "") -> None:
     _check_array(f"instance ids{where}", detections.instance_ids, 1, "iu", "whole numbers [N]")
     if not np.isfinite(detections.scores).all():
         raise SourceError(f"scores{where} are not all finite; give numbers from 0 to 1")
-    parts = (("labels", labels), ("scores", detections.scores), ("ids", detections.instance_ids))
-    for part, values in parts:
+    ids = detections.instance_ids
+    _check_lengths(num, where, labels=labels, scores=detections.scores, instance_ids=ids)
+
+
+def _check_lengths(num: int, where: str = "", **parts: Any) -> None:
+    for part, values in parts.items():
         if len(values) != num:
             raise SourceError(f"{len(values)} {part} were given for {num} masks{where}")
+
+
+def check_image(what: str, image: Any) -> None:
+    """Makes sure that it is an RGB image of bytes. Raises SourceError if it is none."""
+    dtype, shape = getattr(image, "dtype", None), getattr(image, "shape", ())
+    if dtype != np.uint8 or len(shape) != 3 or shape[2] != 3:
+        found = type(image).__name__ if dtype is None else f"{dtype} of shape {shape}"
+        raise SourceError(f"{what} is {found}; give an RGB image, uint8 [H, W, 3]")
 
 
 def _check_array(what: str, array: Any, ndim: int, kinds: str, wanted: str) -> None:
@@ -274,11 +268,7 @@ def as_masks(values: Any) -> Bool[np.ndarray, "N H W"]:
         is for whoever made them to say.
       UnreadableFrame: If they are too many, or take more than is meant for a frame.
     """
-    masks = _as_array("masks", values, "buif")
-    if masks.ndim != 3:
-        raise SourceError(
-            f"masks have shape {masks.shape}; give one [H, W] plane per detection, [N, H, W]"
-        )
+    masks = _as_array("masks", values, "buif", 3, "one [H, W] plane per detection, [N, H, W]")
     require_room(len(masks), masks.shape[1:], "a frame")
     if masks.dtype.kind in "if" and masks.size:
         odd = masks[(masks % 1 != 0) | (masks < 0)]
@@ -315,29 +305,28 @@ def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H
     return masks
 
 
-def _as_array(name: str, values: Any, kinds: str) -> np.ndarray:
+def _as_array(
+    name: str, values: Any, kinds: str, ndim: int = 1, wanted: str = "one number per mask, [N]"
+) -> np.ndarray:
     """An array of finite numbers of these kinds."""
     array = host_array(values, name)
     if array.dtype.kind not in kinds and array.size:
-        what = "numbers, non-zero inside" if name == "masks" else "numbers"
-        raise SourceError(f"{name} are {array.dtype}; give {what}")
+        raise SourceError(f"{name} are {array.dtype}; give numbers")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise SourceError(f"{name} hold NaN or infinity; give finite numbers")
+    if array.ndim != ndim:
+        raise SourceError(f"{name} have shape {array.shape}; give {wanted}")
     return array
 
 
 def _as_labels(labels: Any) -> tuple[str, ...]:
-    if isinstance(labels, str):
-        raise SourceError(f"labels are one text, {labels!r}; give one name per mask in a list")
-    if isinstance(labels, Set | Mapping):
-        raise SourceError(
-            f"labels are a {type(labels).__name__}, which has no order; give one name per mask in "
-            "a list"
-        )
-    try:
-        names = tuple(labels)
-    except TypeError:
-        raise SourceError(f"labels are {labels!r}; give one name per mask in a list") from None
+    names = None
+    if not isinstance(labels, str | Set | Mapping):  # one name, or names without an order
+        with contextlib.suppress(TypeError):
+            names = tuple(labels)
+    if names is None:
+        shown = reprlib.repr(labels)
+        raise SourceError(f"labels are {shown}; give one name per mask, in a list or tuple")
     for row, name in enumerate(names):
         if not isinstance(name, str):
             raise SourceError(f"label {row} is {name!r}; give the name of its class as text")
@@ -352,10 +341,7 @@ def _as_labels(labels: Any) -> tuple[str, ...]:
 
 
 def _as_scores(scores: Any) -> Float[np.ndarray, "N"]:
-    confidence = _as_array("scores", scores, "buif")
-    if confidence.ndim != 1:
-        raise SourceError(f"scores have shape {confidence.shape}; give one number per mask, [N]")
-    confidence = confidence.astype(np.float32)
+    confidence = _as_array("scores", scores, "buif").astype(np.float32)
     outside = np.flatnonzero((confidence < 0) | (confidence > 1))
     if len(outside):
         row = int(outside[0])
@@ -365,8 +351,6 @@ def _as_scores(scores: Any) -> Float[np.ndarray, "N"]:
 
 def _as_ids(ids: Any) -> Int[np.ndarray, "N"]:
     numbers = _as_array("instance_ids", ids, "uif")
-    if numbers.ndim != 1:
-        raise SourceError(f"instance_ids have shape {numbers.shape}; give one number per mask, [N]")
     is_sound = (np.abs(numbers.astype(float)) < 2**31) & (numbers.astype(float) % 1 == 0)
     if not is_sound.all():
         row = int(np.flatnonzero(~is_sound)[0])

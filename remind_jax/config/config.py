@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import reprlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.files import beside, find_file, find_profile, list_configs, read_yaml
 from remind_jax.config.keys import SWITCHES, THRESHOLDS, flat_keys
-from remind_jax.config.profiles import find_made, name_profile, read_made_for, read_profile
+from remind_jax.config.profiles import name_profile, place_profile, read_made_for, read_profile
 from remind_jax.config.reference_keys import translate
 from remind_jax.errors import ConfigError
 from remind_jax.files import records
@@ -122,7 +123,7 @@ class Config:
         start = self if tracker is None else self.with_tracker(_as_tracker(tracker, origin))
         flat = flat_keys(changes, start.keys, start.tracker, origin)
         chosen = start.chosen | flat.keys() | ({"tracker"} if tracker is not None else set())
-        return dataclasses.replace(start._with_values(flat, origin), chosen=chosen)
+        return dataclasses.replace(_update(start, nest(flat), (), origin), chosen=chosen)
 
     def with_tracker(self, name: str) -> Config:
         """The configuration for another tracker; input stays, and static where it was chosen.
@@ -190,29 +191,21 @@ class Config:
             return self
         path, calibrated = find_profile(self.tracker, name), ""
         if fingerprint is not None:
-            made_here = find_made(self.tracker, name, fingerprint)
-            if made_here is not None:
+            made_here = place_profile(self.tracker, name, fingerprint)
+            if os.path.lexists(made_here):  # whatever lies there is not passed over
                 path, calibrated = made_here, name_profile(name, fingerprint)
         if path is None:
             return self
-        mine, published = dict(flatten_fields(self)), dict(flatten_fields(_neutral(self.tracker)))
-        if not calibrated:
-            values = read_yaml(path)
-        else:
-            values = read_profile(path, self.tracker)
-            found = read_made_for(values.pop("profile"), str(path)).name
-            if found != calibrated:
-                raise ConfigError(
-                    f"'{path}' is a profile of {found}, not of {calibrated}; remove it, or "
-                    "calibrate again"
-                )
+        values = read_profile(path, self.tracker, calibrated) if calibrated else read_yaml(path)
         profile = flat_keys(values, self.keys, self.tracker, str(path))
+        mine, published = dict(flatten_fields(self)), dict(flatten_fields(_neutral(self.tracker)))
         free = {
             key: value
             for key, value in profile.items()
             if key not in self.chosen and mine[key] == published[key]
         }
-        return dataclasses.replace(self._with_values(free, str(path)), profile=calibrated)
+        filled = _update(self, nest(free), (), str(path))
+        return dataclasses.replace(filled, profile=calibrated)
 
     @classmethod
     def from_reference(cls, settings: Mapping[str, Any] | str | Path) -> Config:
@@ -225,19 +218,14 @@ class Config:
         Raises:
           ConfigError: For a key that the original does not have, or a value that is not supported.
         """
-        if not isinstance(settings, Mapping):
-            if not isinstance(settings, (str, Path)):
-                raise ConfigError(
-                    f"settings of the original are of type {type(settings).__name__}; give nested "
-                    "values, or the path of a YAML file"
-                )
-            settings = read_yaml(Path(settings))
-        settings = _as_nested(settings, "settings of the original")
-        return cls().updated(translate(settings, cls()), "settings of the original")
-
-    def _with_values(self, flat: Mapping[str, Any], origin: str) -> Config:
-        """The same with values by full key, checked."""
-        return _update(self, nest(flat), (), origin)
+        origin = "settings of the original"
+        if not isinstance(settings, (str, Path, Mapping)):
+            raise ConfigError(
+                f"{origin} are of type {type(settings).__name__}; give nested values, or the path "
+                "of a YAML file"
+            )
+        values = settings if isinstance(settings, Mapping) else read_yaml(Path(settings))
+        return cls().updated(translate(_as_nested(values, origin), cls()), origin)
 
 
 def load_config(name: str | Path | Config | Mapping[str, Any] = "default") -> Config:
@@ -357,19 +345,18 @@ def _coerce(value: Any, old: Any, name: str) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    is_whole = is_number and isinstance(value, int)
     if isinstance(old, bool):
         fits, wanted = isinstance(value, bool), "true or false"
     elif isinstance(old, int):
-        fits = is_whole and -(2**31) <= value < 2**31
-        wanted = "a whole number of at most 31 bits" if is_whole else "a whole number"
+        fits = is_number and isinstance(value, int) and -(2**31) <= value < 2**31
+        wanted = "a whole number of at most 31 bits"
     elif isinstance(old, float):
         fits = is_number and abs(value) <= _LARGEST  # NaN is not
         wanted = "a finite number" if is_number else "a number"
         value = float(value) if fits else value
     elif isinstance(old, tuple):
         fits, wanted = isinstance(value, (list, tuple)), "a list"
-        value = tuple(value) if isinstance(value, (list, tuple)) else value
+        value = tuple(value) if isinstance(value, list) else value
     else:
         fits, wanted = isinstance(value, type(old)), "a text" if isinstance(old, str) else "a list"
     if not fits and not hasattr(value, "dtype"):

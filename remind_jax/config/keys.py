@@ -38,7 +38,12 @@ def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> st
     if alike:
         raise ConfigError(f"{name!r} in {origin} may be {' or '.join(alike)}; give one of them")
     if owners := _owners(name, tracker):
-        raise ConfigError(_say_owners(name, owners, tracker, origin))
+        kind = "switch" if name.startswith(STATIC) else "threshold"
+        shown = f"tracker{'s' * (len(owners) > 1)} {' and '.join(map(repr, owners))}"
+        raise ConfigError(
+            f"{name!r} in {origin} is a {kind} of {shown}, and tracker '{tracker}' is chosen; "
+            f"give {how_to_choose(owners[0])}"
+        )
     raise ConfigError(f"unknown key {name!r} in {origin}; {_nearest(name, known)}")
 
 
@@ -97,16 +102,6 @@ def _keys_of(tracker: str) -> Iterator[str]:
         f"{start}{key}"
         for key, _ in flatten_fields(method.switches())
         for start in (STATIC, SWITCHES)
-    )
-
-
-def _say_owners(name: str, owners: list[str], tracker: str, origin: str) -> str:
-    shown = " and ".join(f"'{owner}'" for owner in owners)
-    kind = "switch" if name.startswith(STATIC) else "threshold"
-    many = "trackers" if len(owners) > 1 else "tracker"
-    return (
-        f"{name!r} in {origin} is a {kind} of {many} {shown}, and tracker '{tracker}' is "
-        f"chosen; give {how_to_choose(owners[0])}"
     )
 
 

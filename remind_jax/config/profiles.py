@@ -65,12 +65,6 @@ def place_profile(tracker: str, backbone: str, fingerprint: str) -> Path:
     return profile_folder() / tracker / f"{name_profile(backbone, fingerprint)}.yaml"
 
 
-def find_made(tracker: str, backbone: str, fingerprint: str) -> Path | None:
-    """What lies where the profile of these features is looked for; None if nothing does."""
-    path = place_profile(tracker, backbone, fingerprint)
-    return path if os.path.lexists(path) else None
-
-
 def has_profile(tracker: str, backbone: str) -> bool:
     """Whether a profile of a backbone of this name is kept, whatever its weights."""
     names = [path.stem for path in (profile_folder() / tracker).glob("*.yaml")]
@@ -99,17 +93,16 @@ def write_profile(path: Path, tracker: str, made_for: MadeFor, values: Mapping[s
     replace_file(path, (head + text).encode())
 
 
-def read_profile(path: Path, tracker: str) -> dict[str, Any]:
-    """Reads the values of a profile, with `profile` and `thresholds`."""
+def read_profile(path: Path, tracker: str, name: str) -> dict[str, Any]:
+    """Reads the thresholds of a profile of this tracker and name."""
     values = records.read_yaml(path, dict[str, Any], refused=ConfigError)
+    wrong = ""
     if set(values) != {"base", "profile", "thresholds"}:
-        raise ConfigError(
-            f"'{path}' is no profile of 'remind calibrate'; calibrate again, or remove it"
-        )
-    base = values.pop("base")
-    if base != tracker:
-        raise ConfigError(
-            f"'{path}', `base`: found {reprlib.repr(base)}, a profile that lies there starts from "
-            f"{tracker!r}; calibrate again, or remove it"
-        )
-    return values
+        wrong = "is no profile of 'remind calibrate'"
+    elif values["base"] != tracker:
+        wrong = f"starts from `base`: {reprlib.repr(values['base'])} instead of {tracker!r}"
+    elif (found := read_made_for(values["profile"], str(path)).name) != name:
+        wrong = f"is a profile of {found}, not of {name}"
+    if wrong:
+        raise ConfigError(f"'{path}' {wrong}; calibrate again, or remove it")
+    return {"thresholds": values["thresholds"]}

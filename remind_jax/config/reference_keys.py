@@ -167,15 +167,12 @@ def translate(settings: Mapping[str, Any], published: Any) -> dict[str, Any]:
     changes.update(decide(flat))
     radii = [changes.get(radius, values[radius]) for radius in _RADII]
     changes["static.switches.ring_max_radius"] = max(1, *(r for r in radii if isinstance(r, int)))
+    pending = "static.switches.pending_relations"
     defers = flat.get("update.robust_updates.enabled", False)
     every = flat.get("memory.neighbors.force_episode_every_frames", 3)
-    if (
-        defers
-        or not isinstance(every, int)
-        or not 0 < every <= values["static.switches.pending_relations"]
-    ):
+    if defers or not isinstance(every, int) or not 0 < every <= values[pending]:
         # Episodes may be far apart then, and relations wait for them without limit.
-        changes["static.switches.pending_relations"] = _MANY_RELATIONS
+        changes[pending] = _MANY_RELATIONS
     return nest(changes)
 
 

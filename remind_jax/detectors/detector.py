@@ -20,9 +20,9 @@ from remind_jax.detectors import rfdetr_seg, yolo_seg
 from remind_jax.detectors.exports import refuse_other_formats
 from remind_jax.detectors.onnx_model import OnnxModel, Signature, image_input
 from remind_jax.detectors.options import DetectorOptions
-from remind_jax.errors import ConfigError, SourceError, WeightsError
-from remind_jax.frame import Detections
-from remind_jax.masks.erosion import erode_masks
+from remind_jax.errors import ConfigError, WeightsError
+from remind_jax.files.host_array import host_array
+from remind_jax.frame import Detections, check_image, check_size
 
 # What is known of one family of networks: `prepare` a frame, `decode` the outputs.
 SegmentationHead = yolo_seg.YoloSeg | rfdetr_seg.RfDetrSeg
@@ -56,8 +56,34 @@ class Detector(Protocol):
         ...
 
 
-class OnnxDetector:
-    """A segmentation network from an ONNX file, recognized by its outputs."""
+class _Refined:
+    """Calls `_detect` and refines what it finds."""
+
+    def __init__(self, options: DetectorOptions) -> None:
+        self.options = options
+        self.dropped = DropCounts()
+
+    def __call__(self, image: UInt8[np.ndarray, "H W 3"]) -> Detections:
+        """Instances of one RGB frame, in the order in which they were found.
+
+        Raises:
+          SourceError: If the frame is not an RGB image of bytes, or a function's answer is in no
+            form that `remind_jax.sources.detections.detections_from` understands.
+          WeightsError: If the network fails on it.
+        """
+        image = host_array(image, "pixels of the frame")
+        check_image("what the detector got", image)
+        size = check_size(image.shape[:2])
+        detections, drops = refine_detections(self._detect(image, size), self.options)
+        self.dropped += drops
+        return detections
+
+    def _detect(self, image: np.ndarray, size: tuple[int, int]) -> Detections:
+        raise NotImplementedError
+
+
+class OnnxDetector(_Refined):
+    """A segmentation network from an ONNX file, recognized by its outputs; best instances first."""
 
     def __init__(self, path: str | Path, options: DetectorOptions | None = None):
         """Loads and recognizes the network.
@@ -66,25 +92,13 @@ class OnnxDetector:
           WeightsError: If the file is missing, damaged, of an unknown kind or cannot be run.
           ConfigError: If an option does not fit the network.
         """
-        self.options = options or DetectorOptions()
+        super().__init__(options or DetectorOptions())
         refuse_other_formats(Path(path))
         self._model = OnnxModel(path, self.options.num_threads)
         self._head = recognize_head(self._model.signature, self.options)
-        self.dropped = DropCounts()
 
-    def __call__(self, image: UInt8[np.ndarray, "H W 3"]) -> Detections:
-        """Instances of one RGB frame, best first.
-
-        Raises:
-          SourceError: If the frame is not an RGB image of bytes.
-          WeightsError: If the network fails on it.
-        """
-        height, width = _check_image(image)
-        outputs = self._model(self._head.prepare(image))
-        detections = self._head.decode(outputs, (height, width))
-        detections, drops = refine_detections(detections, self.options)
-        self.dropped += drops
-        return detections
+    def _detect(self, image: np.ndarray, size: tuple[int, int]) -> Detections:
+        return self._head.decode(self._model(self._head.prepare(image)), size)
 
     def describe(self) -> dict[str, Any]:
         """Kind of network, file, classes and options, fit for JSON."""
@@ -96,37 +110,23 @@ class OnnxDetector:
         }
 
 
-class CallableDetector:
+class CallableDetector(_Refined):
     """Any function from an RGB frame to instances, whatever type it answers with."""
 
     def __init__(self, function: Callable[[Any], Any], options: DetectorOptions | None = None):
-        self.options = options or _AS_GIVEN
+        super().__init__(options or _AS_GIVEN)
         self._function = function
-        self.dropped = DropCounts()
 
-    def __call__(self, image: UInt8[np.ndarray, "H W 3"]) -> Detections:
-        """Instances of one RGB frame, in the order of the function's answer.
-
-        Raises:
-          SourceError: If the frame is not an RGB image of bytes, or if the answer is in no form
-            that `remind_jax.sources.detections.detections_from` understands.
-        """
-        size = _check_image(image)
+    def _detect(self, image: np.ndarray, size: tuple[int, int]) -> Detections:
         from remind_jax.sources.detections import detections_from
 
-        answer = detections_from(self._function(image), size, class_names=self.options.class_names)
-        detections, drops = refine_detections(answer, self.options)
-        self.dropped += drops
-        return detections
+        return detections_from(self._function(image), size, class_names=self.options.class_names)
 
     def describe(self) -> dict[str, Any]:
         """The function's name and the options, fit for JSON."""
         name = getattr(self._function, "__qualname__", type(self._function).__qualname__)
-        return {
-            "kind": "callable",
-            "function": name,
-            "options": dataclasses.asdict(self.options),
-        }
+        options = dataclasses.asdict(self.options)
+        return {"kind": "callable", "function": name, "options": options}
 
 
 def refine_detections(
@@ -137,22 +137,15 @@ def refine_detections(
     Returns:
       The detections left and the number of wanted ones that were dropped for their masks.
     """
-    wanted = [
-        row
-        for row, (label, score) in enumerate(zip(detections.labels, detections.scores, strict=True))
-        if score >= options.confidence and options.admits(label)
-    ]
-    detections = detections.select(np.asarray(wanted, int))
+    is_admitted = np.array([options.admits(label) for label in detections.labels], bool)
+    detections = detections.select((detections.scores >= options.confidence) & is_admitted)
     crops = Crops.of(detections.masks)
-    before_px = crops.areas
-    eroded_masks = erode_masks(crops, options.erosion_px, margin_px=options.erosion_px)
-    after_px = eroded_masks.areas
-    keep = after_px >= options.min_mask_px
-    empty = before_px == 0
-    eroded = ~empty & (after_px == 0)
+    left = crops.eroded(options.erosion_px, margin_px=options.erosion_px)
+    keep, empty = left.areas >= options.min_mask_px, crops.areas == 0
+    eroded = ~empty & (left.areas == 0)
     small = ~keep & ~empty & ~eroded
     drops = DropCounts(empty=int(empty.sum()), eroded=int(eroded.sum()), small=int(small.sum()))
-    return dataclasses.replace(detections, masks=np.asarray(eroded_masks)).select(keep), drops
+    return dataclasses.replace(detections, masks=np.asarray(left)).select(keep), drops
 
 
 def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector | None:
@@ -196,26 +189,12 @@ def recognize_head(file: Signature, options: DetectorOptions) -> SegmentationHea
       ConfigError: If an option does not fit the network.
     """
     image_input(file, "a detector")
-    yolo_layout = yolo_seg.recognize_yolo_seg(file.outputs)
-    if yolo_layout is not None:
-        return yolo_seg.YoloSeg.from_file(file, yolo_layout, options)
-    rfdetr_layout = rfdetr_seg.recognize_rfdetr_seg(file.outputs)
-    if rfdetr_layout is not None:
-        return rfdetr_seg.RfDetrSeg.from_file(file, rfdetr_layout, options)
+    if (yolo := yolo_seg.recognize_yolo_seg(file.outputs)) is not None:
+        return yolo_seg.YoloSeg.from_file(file, yolo, options)
+    if (rfdetr := rfdetr_seg.recognize_rfdetr_seg(file.outputs)) is not None:
+        return rfdetr_seg.RfDetrSeg.from_file(file, rfdetr, options)
     found = ", ".join(map(str, file.outputs))
     raise WeightsError(
         f"'{file.path}' has outputs of no known segmentation network ({found}); "
         f"known are {yolo_seg.KNOWN_SHAPES}, and {rfdetr_seg.KNOWN_SHAPES}"
     )
-
-
-def _check_image(image: Any) -> tuple[int, int]:
-    """Height and width of an RGB frame."""
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3:
-        got = f"{getattr(image, 'dtype', type(image).__name__)} {getattr(image, 'shape', '')}"
-        raise SourceError(f"the detector got a frame of {got.strip()}; give uint8 [H, W, 3] RGB")
-    if image.shape[2] != 3 or 0 in image.shape:
-        raise SourceError(
-            f"the detector got a frame of shape {image.shape}; give uint8 [H, W, 3] RGB"
-        )
-    return image.shape[0], image.shape[1]

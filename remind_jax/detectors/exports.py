@@ -36,10 +36,8 @@ def read_class_names(metadata: Mapping[str, str]) -> dict[int, str]:
         named = inference.get("class_id_to_name") if isinstance(inference, dict) else None
     if isinstance(named, (list, tuple)):
         named = dict(enumerate(named))
-    if not isinstance(named, dict):
-        return {}
     try:
-        by_index = {int(index): name for index, name in named.items()}
+        by_index = {int(i): name for i, name in named.items()} if isinstance(named, dict) else {}
     except (TypeError, ValueError):
         return {}
     return {i: n for i, n in by_index.items() if 0 <= i < _MAX_CLASSES and is_class_name(n)}

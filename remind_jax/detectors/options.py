@@ -57,9 +57,9 @@ class DetectorOptions:
     def admits(self, label: str) -> bool:
         """Whether instances of the class `label` are wanted."""
         folded = label.casefold()
-        if any(folded == name.casefold() for name in self.ignored_classes):
+        if folded in map(str.casefold, self.ignored_classes):
             return False
-        return self.classes is None or any(folded == name.casefold() for name in self.classes)
+        return self.classes is None or folded in map(str.casefold, self.classes)
 
 
 def find_wanted_classes(
@@ -70,13 +70,10 @@ def find_wanted_classes(
     Raises:
       ConfigError: If the options name a class that the network does not know.
     """
-    known = {name.casefold() for name in names if name is not None}
+    known = [name for name in names if name is not None]
     for name in (*(options.classes or ()), *options.ignored_classes):
-        if name.casefold() not in known:
-            raise ConfigError(
-                f"the detector has no class {name!r}; "
-                f"{nearest_names(name, [n for n in names if n is not None])}"
-            )
+        if name.casefold() not in map(str.casefold, known):
+            raise ConfigError(f"the detector has no class {name!r}; {nearest_names(name, known)}")
     return np.array([name is not None and options.admits(name) for name in names], bool)
 
 

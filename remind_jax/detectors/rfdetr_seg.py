@@ -140,21 +140,23 @@ class RfDetrSeg:
           WeightsError: If the outputs do not have the shapes that the file declares.
         """
         labels, planes = outputs[self.layout.labels], outputs[self.layout.masks]
-        if (
-            labels.ndim != 3
-            or planes.ndim != 4
-            or labels.shape[2] != len(self.names)
-            or labels.shape[:2] != planes.shape[:2]
-            or len(labels) != 1
-        ):
+        is_sound = labels.ndim == 3 and len(labels) == 1 and labels.shape[2] == len(self.names)
+        if not is_sound or planes.ndim != 4 or planes.shape[:2] != labels.shape[:2]:
             raise WeightsError(
                 f"the RF-DETR-seg model answered with labels {list(labels.shape)} and masks "
                 f"{list(planes.shape)}, which is not what its file declares; export it again"
             )
         is_class = np.array([name is not None for name in self.names])
-        queries, columns, scores = select_queries(labels[0], is_class, self.wanted, self.options)
+        scores = np.where(is_class, expit(labels[0]), -1.0)
+        # A query counts under its best class, if that is wanted and reaches `confidence`.
+        columns, best = scores.argmax(axis=1), scores.max(axis=1)
+        order = np.argsort(-best, kind="stable")
+        usable = (best >= self.options.confidence) & self.wanted[columns]
+        queries = order[usable[order]][: self.options.max_detections]
         masks = resize_masks(planes[0][queries], frame_size, self.options.mask_threshold)
-        return Detections.create(masks, [str(self.names[c]) for c in columns], scores)
+        return Detections.create(
+            masks, [str(self.names[c]) for c in columns[queries]], best[queries]
+        )
 
 
 def name_columns(num_columns: int, found: Mapping[int, str]) -> tuple[str | None, ...]:
@@ -164,25 +166,6 @@ def name_columns(num_columns: int, found: Mapping[int, str]) -> tuple[str | None
     if not found:
         return (*(f"class_{column}" for column in range(num_columns - 1)), None)
     return tuple(found.get(column) for column in range(num_columns))
-
-
-def select_queries(
-    logits: Float[np.ndarray, "Q C"],
-    is_class: Bool[np.ndarray, "C"],
-    wanted: Bool[np.ndarray, "C"],
-    options: DetectorOptions,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Query indices, class columns and scores of the instances, best first.
-
-    A query counts under its best class, if that is wanted and reaches `confidence`.
-    """
-    scores = np.where(is_class, expit(logits), -1.0)
-    columns = scores.argmax(axis=1)
-    best = scores[np.arange(len(scores)), columns]
-    order = np.argsort(-best, kind="stable")
-    usable = (best >= options.confidence) & wanted[columns]
-    queries = order[usable[order]][: options.max_detections]
-    return queries, columns[queries], best[queries]
 
 
 def resize_masks(

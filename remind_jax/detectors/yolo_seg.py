@@ -125,9 +125,8 @@ class YoloSeg:
 
     def place(self, frame_size: tuple[int, int]) -> Letterbox:
         """Where a frame of this size lies in the input."""
-        input_size = choose_input_size(
-            frame_size, self.declared_size, self.long_side_px, self.stride_px
-        )
+        declared, stride_px = self.declared_size, self.stride_px
+        input_size = choose_input_size(frame_size, declared, self.long_side_px, stride_px)
         return Letterbox.fit(frame_size, input_size)
 
     def decode(
@@ -140,31 +139,26 @@ class YoloSeg:
         """
         rows, prototypes = outputs[self.layout.candidates], outputs[self.layout.prototypes]
         self._check_shapes(rows, prototypes)
+        options = self.options
         if self.layout.suppressed:
-            candidates = read_suppressed_rows(rows[0], self.options.confidence)
-            labels = self.label(candidates.class_index)
-            admitted = [self.options.admits(label) for label in labels]
-            candidates = candidates.select(np.array(admitted, bool))
+            found = read_suppressed_rows(rows[0], options.confidence)
+            admitted = [options.admits(label) for label in self._label(found.class_index)]
+            found = found.select(np.array(admitted, bool))
         else:
-            candidates = read_candidates(
-                rows[0], len(self.names), self.options.confidence, self.wanted
-            )
-            candidates = suppress_duplicates(candidates, self.options)
-        best = np.argsort(-candidates.scores, kind="stable")[: self.options.max_detections]
-        candidates = candidates.select(best)
-        masks = decode_masks(
-            candidates, prototypes[0], self.place(frame_size), self.options.mask_threshold
-        )
-        scores = candidates.scores
-        if len(scores) and scores.max() > _MAX_SCORE:
+            found = read_candidates(rows[0], len(self.names), options.confidence, self.wanted)
+            found = suppress_duplicates(found, options)
+        best = np.argsort(-found.scores, kind="stable")[: options.max_detections]
+        found = found.select(best)
+        if (highest := found.scores.max(initial=0.0)) > _MAX_SCORE:
             raise WeightsError(
-                f"the YOLO-seg model answered with a score of {scores.max():g}, and scores are at "
+                f"the YOLO-seg model answered with a score of {highest:g}, and scores are at "
                 "most 1; export it again"
             )
-        labels = self.label(candidates.class_index)
-        return Detections.create(masks, labels, np.minimum(scores, 1.0))
+        masks = decode_masks(found, prototypes[0], self.place(frame_size), options.mask_threshold)
+        labels = self._label(found.class_index)
+        return Detections.create(masks, labels, np.minimum(found.scores, 1.0))
 
-    def label(self, class_index: Int[np.ndarray, "N"]) -> list[str]:
+    def _label(self, class_index: Int[np.ndarray, "N"]) -> list[str]:
         """Class names; numbered ones for classes that the file does not name."""
         named = dict(enumerate(self.names))
         return [named.get(index, f"class_{index}") for index in class_index.tolist()]
@@ -172,13 +166,8 @@ class YoloSeg:
     def _check_shapes(self, rows: np.ndarray, prototypes: np.ndarray) -> None:
         width = self.layout.num_coefficients
         axis, least = (2, 6 + width) if self.layout.suppressed else (1, 4 + len(self.names) + width)
-        if (
-            rows.ndim != 3
-            or prototypes.ndim != 4
-            or rows.shape[axis] != least
-            or prototypes.shape[1] != width
-            or len(rows) != 1
-        ):
+        is_sound = rows.ndim == 3 and len(rows) == 1 and rows.shape[axis] == least
+        if not is_sound or prototypes.ndim != 4 or prototypes.shape[1] != width:
             raise WeightsError(
                 f"the YOLO-seg model answered with shapes {list(rows.shape)} and "
                 f"{list(prototypes.shape)}, which is not what its file declares; export it again"
@@ -259,39 +248,30 @@ def decode_masks(
     way is: prototype grid to input, bars cut off, rest to the frame, each step bilinear and
     aligned at pixel centers. A pixel belongs to a box if its center does.
     """
-    count = len(candidates.scores)
-    size = letterbox.frame_size
-    masks = np.zeros((count, *size), bool)
-    if count == 0:
-        return masks
+    height, width = letterbox.frame_size
+    masks = np.zeros((len(candidates.scores), height, width), bool)
     logits = np.tensordot(candidates.coefficients, prototypes, axes=1)
     bounds = np.ceil(letterbox.boxes_to_frame(candidates.boxes) - 0.5)
-    x0, y0, x1, y1 = np.clip(bounds, 0, [size[1], size[0]] * 2).astype(int).T
-    least = logit(threshold)
-    height, width = letterbox.input_size
-    for row in range(count):
-        plane = cv2.resize(logits[row], (width, height), interpolation=cv2.INTER_LINEAR)
-        box = slice(y0[row], y1[row]), slice(x0[row], x1[row])
-        masks[row][box] = letterbox.plane_to_frame(plane)[box] >= least
+    corners = np.clip(bounds, 0, [width, height] * 2).astype(int).tolist()
+    input_size = letterbox.input_size[::-1]
+    for mask, of_mask, (x0, y0, x1, y1) in zip(masks, logits, corners, strict=True):
+        plane = cv2.resize(of_mask, input_size, interpolation=cv2.INTER_LINEAR)
+        box = slice(y0, y1), slice(x0, x1)
+        mask[box] = letterbox.plane_to_frame(plane)[box] >= logit(threshold)
     return masks
 
 
 def _side_in(file: Signature, key: str, default: int) -> int:
-    """The largest number of pixels that an entry of the metadata names.
+    """The largest number of pixels that an entry of the metadata names: `[640, 640]` or `32`.
 
     Raises:
       WeightsError: If no image can be that large.
     """
-    side = max(_literal_ints(file.metadata.get(key, "")), default=default)
+    value = parse_literal(file.metadata.get(key, ""))
+    values = value if isinstance(value, (list, tuple)) else [value]
+    side = max((v for v in values if type(v) is int and v > 0), default=default)
     if side > MAX_INPUT_PX:
         raise WeightsError(
             f"'{file.path}' says {key} {side}; at most {MAX_INPUT_PX} is accepted, export it again"
         )
     return side
-
-
-def _literal_ints(text: str) -> list[int]:
-    """Whole numbers of a metadata entry such as `[640, 640]` or `32`; empty if it has none."""
-    value = parse_literal(text)
-    values = value if isinstance(value, (list, tuple)) else [value]
-    return [v for v in values if isinstance(v, int) and not isinstance(v, bool) and v > 0]

@@ -47,11 +47,7 @@ def reading(
 
 
 def as_path(value: Any, what: str, refused: Family) -> Path:
-    """The path that a caller gave.
-
-    Raises:
-      RemindError: Of kind `refused`, if it is none.
-    """
+    """The path that a caller gave. Raises an error of kind `refused` if it is none."""
     if not isinstance(value, (str, os.PathLike)) or isinstance(os.fspath(value), bytes):
         raise refused(f"{what} is of type {type(value).__name__}; give a path")
     if wrong := check_name(value):

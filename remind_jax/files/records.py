@@ -82,13 +82,10 @@ def decode_json(
     if wrong := wrong_encoding(data):
         raise refused(f"{where}: {wrong}")
     data = data.removeprefix(b"\xef\xbb\xbf")
-    if len(data) > limits.MAX_MAPPINGS:  # shorter text cannot hold more
-        for what, mark, most in (
-            ("mappings", b"{", limits.MAX_MAPPINGS),
-            ("items", b",", limits.MAX_ITEMS),
-        ):
-            if data.count(mark) > most:
-                raise refused(f"{where} holds over {most} {what}, which are not read; split it")
+    marks = (("mappings", b"{", limits.MAX_MAPPINGS), ("items", b",", limits.MAX_ITEMS))
+    for what, mark, most in marks:
+        if len(data) > most and data.count(mark) > most:
+            raise refused(f"{where} holds over {most} {what}, which are not read; split it")
     row = _decode(_decoder(record).decode, data, f"{where}: ", 0, refused)
     # What is decoded later is looked through then, so that a bad row spoils no other.
     if row.error is None and not _holds_undecoded(record) and (twice := _key_twice(data)):

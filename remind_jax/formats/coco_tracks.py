@@ -117,8 +117,9 @@ def read_video(
     rows = RowCollector()
     for number, entry in entries:
         class_id = index.places.get(entry.category_id, UNKNOWN_CLASS)  # pyright: ignore
+        track_id = number if entry.id is None else entry.id  # a list of results has no ids
         where = f"'{file}', row {number}"
-        for frame, track_id, shape in _read_track(entry, number, video, where):
+        for frame, shape in _read_track(entry, video, where):
             if isinstance(shape, tuple):
                 left, top, width, height = shape
                 box = [left, top, left + width, top + height]
@@ -134,24 +135,20 @@ def read_video(
     )
 
 
-_Row = tuple[int, int, Segmentation | Box]  # frame, id, shape
-
-
-def _read_track(track: Annotation, number: int, video: Video, where: str) -> Iterator[_Row]:
-    """Rows of a track; one of a list of results goes by its number in the list."""
-    track_id = number if track.id is None else track.id
+def _read_track(
+    track: Annotation, video: Video, where: str
+) -> Iterator[tuple[int, Segmentation | Box]]:
+    """Frame and shape, wherever a track has one."""
     shapes = track.bboxes if track.segmentations is None else track.segmentations
     assert shapes is not None  # as `group_by_video` checked
     if len(shapes) > video.num_frames:
         raise SourceError(
             f"{where} has {len(shapes)} frames, its video '{video.name}' {video.num_frames}"
         )
-    kind: Any = Box | None if track.segmentations is None else Segmentation | str | None
-    empty = (b"null", b"[]")
+    kind: Any = Box if track.segmentations is None else Segmentation | str
     for frame, raw in enumerate(shapes):
-        if bytes(raw) not in empty:
-            shape = next(decode_rows([raw], kind, f"{where}, frame {frame}")).get()
-            yield frame, track_id, shape
+        if bytes(raw) not in (b"null", b"[]"):
+            yield frame, next(decode_rows([raw], kind, f"{where}, frame {frame}")).get()
 
 
 def _to_rle(shape: Any, size: tuple[int, int] | None, where: str) -> Rle:
@@ -180,10 +177,14 @@ def coco_video(
         for row in firm_rows(frame):
             object_id = int(frame.object_id[row])
             if object_id not in annotations:
-                annotations[object_id] = _empty_annotation(object_id, len(tracks)) | {
+                annotations[object_id] = {
+                    "id": object_id + 1,
+                    "video_id": 1,
+                    "iscrowd": 0,
                     "category_id": numbers[frame.labels[row]],
                     "height": height,
                     "width": width,
+                    **{part: [None] * len(tracks) for part in ("segmentations", "bboxes", "areas")},
                 }
             left, top, right, bottom = (float(side) for side in frame.boxes[row])
             rle = frame.rles[row]
@@ -204,15 +205,4 @@ def coco_video(
             annotations[object_id] | {"score": float(np.mean(scores[object_id]))}
             for object_id in sorted(annotations)
         ],
-    }
-
-
-def _empty_annotation(object_id: int, num_frames: int) -> dict[str, Any]:
-    return {
-        "id": object_id + 1,
-        "video_id": 1,
-        "iscrowd": 0,
-        "segmentations": [None] * num_frames,
-        "bboxes": [None] * num_frames,
-        "areas": [None] * num_frames,
     }

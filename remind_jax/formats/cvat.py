@@ -23,20 +23,19 @@ from remind_jax import files
 from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 from remind_jax.files import limits
-from remind_jax.files.records import Count
+from remind_jax.files.records import Count, Side
+from remind_jax.formats.coco import Name
 from remind_jax.formats.firm import firm_rows
 from remind_jax.formats.rows import RowCollector, TrackRows
-from remind_jax.frame import Rle, fill_boxes
+from remind_jax.frame import Rle, check_size, fill_boxes
 from remind_jax.masks.run_length import decode_mask, encode_masks, encode_polygon, mask_box
 from remind_jax.printing.terminal import printable
 from remind_jax.tracks import Tracks
 
 NAME_IN_ZIP = "annotations.xml"
 _Pixel = Annotated[int, Meta(ge=0, le=limits.MAX_SIDE_PX)]
-_Side = Annotated[int, Meta(ge=1, le=limits.MAX_SIDE_PX)]
 _Coordinate = Annotated[float, Meta(ge=-1e9, le=1e9)]
 _Frame = Annotated[int, Meta(ge=0, lt=limits.MAX_FRAMES)]
-_Label = Annotated[str, Meta(min_length=1, max_length=limits.MAX_LABEL)]
 _Size = tuple[int, int]  # height and width in pixels
 
 
@@ -66,12 +65,12 @@ class _Polygon(_Shape, frozen=True, kw_only=True):
 
 class _Track(msgspec.Struct, frozen=True):
     id: Count
-    label: _Label
+    label: Name
 
 
 class _FrameSize(msgspec.Struct, frozen=True):
-    height: _Side
-    width: _Side
+    height: Side
+    width: Side
 
 
 _SHAPES: Mapping[str, type[_Shape]] = {"box": _Box, "mask": _Mask, "polygon": _Polygon}
@@ -156,9 +155,7 @@ def _frame_size(root: ElementTree.Element) -> _Size | None:
         return None
     said = {part.tag: part.text or "" for part in element}
     size = msgspec.convert(said, _FrameSize, strict=False)
-    if size.height * size.width > limits.MAX_PIXELS:
-        raise ValueError(f"frames of {size.width}x{size.height} pixels are larger than is read")
-    return size.height, size.width
+    return check_size((size.height, size.width))
 
 
 def _read_track(
@@ -186,23 +183,20 @@ def _see(shape: Any, size: _Size | None) -> _Sight:
         return _Sight(shape.frame, box=(shape.xtl, shape.ytl, shape.xbr, shape.ybr))
     if size is None:
         raise ValueError("the file has no original_size; add it to its meta")
-    return _Sight(shape.frame, rle=_encode(shape, size))
-
-
-def _encode(shape: _Mask | _Polygon, size: _Size) -> Rle:
     if isinstance(shape, _Polygon):
         points = [point.split(",") for point in shape.points.split(";")]
         corners = np.array(points, float)
         if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) <= 1e9).all():
             raise ValueError("give three or more finite points, 'x,y;x,y;x,y'")
-        return encode_polygon(corners, size)
+        return _Sight(shape.frame, rle=encode_polygon(corners, size))
     if shape.top + shape.height > size[0] or shape.left + shape.width > size[1]:
         raise ValueError(f"its box leaves the frame of {size[1]}x{size[0]} pixels")
     runs = [int(run) for run in shape.rle.split(",")]
     if min(runs) < 0 or sum(runs) != shape.width * shape.height:
         raise ValueError(f"its runs do not add up to its box, {shape.width}x{shape.height} pixels")
     inside = np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(shape.height, shape.width)
-    return encode_masks(Crops(size, ((shape.left, shape.top),), (inside,)))[0]
+    (rle,) = encode_masks(Crops(size, ((shape.left, shape.top),), (inside,)))
+    return _Sight(shape.frame, rle=rle)
 
 
 def _fill_gaps(track: list[_Sight]) -> list[_Sight]:
@@ -245,17 +239,14 @@ def to_cvat(
     _add(size, "height", height)
     for object_id, sights in _sights(run).items():
         first, row = sights[0]
-        label = printable(run[first].labels[row])
-        track = ElementTree.SubElement(
-            root, "track", id=str(object_id), label=label, source="automatic"
-        )
+        named = {"id": str(object_id), "label": printable(run[first].labels[row])}
+        track = ElementTree.SubElement(root, "track", named, source="automatic")
         for (index, row), (following, _) in pairwise([*sights, (len(run), 0)]):
             shape = _mask_shape(run[index], row, numbers[index])
             _add_shape(track, shape)
             if following > index + 1:
-                _add_shape(
-                    track, msgspec.structs.replace(shape, frame=numbers[index + 1], outside=True)
-                )
+                gone = msgspec.structs.replace(shape, frame=numbers[index + 1], outside=True)
+                _add_shape(track, gone)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 

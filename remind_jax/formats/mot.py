@@ -100,7 +100,7 @@ def fit_texts(
     if truth.rles is None:
         return _name_classes(truth, class_id), prediction
     class_id = DEFAULT_MOTS_CLASS if class_id is None else class_id
-    _check_classes(class_id, truth, prediction)
+    _require_class(class_id, truth, prediction)
     truth, prediction = (_keep_class(rows, class_id) for rows in (truth, prediction))
     frame_size = truth.frame_size or prediction.frame_size or (1, 1)  # any, if there is no row
     return dataclasses.replace(truth, frame_size=frame_size), prediction
@@ -108,8 +108,7 @@ def fit_texts(
 
 def _read_boxes(path: str | Path, name: str, *, is_truth: bool) -> TrackRows:
     table = _read_numbers(path)
-    if np.any(np.diff(table[:, 0]) < 0):
-        table = table[np.argsort(table[:, 0], kind="stable")]
+    table = table[np.argsort(table[:, 0], kind="stable")]
     frame, track_id = table[:, :2].astype(np.int64).T
     frame, num_frames = _count_frames(path, frame, 1)
     boxes = table[:, 2:6].copy()
@@ -151,25 +150,23 @@ def _read_masks(path: str | Path, name: str, first_frame: int, *, is_truth: bool
             ) from None
     rows = collected.finish(str(path), 0)
     frame, num_frames = _count_frames(path, rows.frame, first_frame)
-    text_class = rows.class_id
     rows = dataclasses.replace(
         rows,
         name=name,
         num_frames=num_frames,
         frame=frame,
         class_id=np.full(len(frame), UNKNOWN_CLASS),
-        text_class=text_class,
+        text_class=rows.class_id,
         rles=rows.rles or (),
         first_frame=first_frame,
         file=str(path),
     )
     if not is_truth:
         return rows
-    ignored = rows.select(text_class == MOTS_IGNORE_CLASS)
+    is_ignored = rows.text_class == MOTS_IGNORE_CLASS
+    ignored = rows.select(is_ignored)
     return dataclasses.replace(
-        rows.select(text_class != MOTS_IGNORE_CLASS),
-        ignored_frame=ignored.frame,
-        ignored_rles=ignored.rles,
+        rows.select(~is_ignored), ignored_frame=ignored.frame, ignored_rles=ignored.rles
     )
 
 
@@ -191,12 +188,7 @@ def _say_frames(first: int, num_frames: int) -> str:
 def _name_classes(boxes: TrackRows, class_id: int | None) -> TrackRows:
     """Boxes of one class or of all, classes named by their numbers if every box has one."""
     if class_id is not None:
-        present = sorted(set(boxes.text_class.tolist()) - {UNKNOWN_CLASS})
-        if present and class_id not in present:
-            raise SourceError(
-                f"{boxes.file} has no row of class {class_id}; it has "
-                f"{', '.join(map(str, present[:20]))}"
-            )
+        _require_class(class_id, boxes)
         boxes = boxes.select(boxes.text_class == class_id)
     numbers, place = np.unique(boxes.text_class, return_inverse=True)
     if UNKNOWN_CLASS in numbers:
@@ -226,13 +218,14 @@ def _check_overlaps(rows: TrackRows) -> None:
             )
 
 
-def _check_classes(class_id: int, truth: TrackRows, prediction: TrackRows) -> None:
-    present = set(np.concatenate([truth.text_class, prediction.text_class]).tolist())
-    present.discard(MOTS_IGNORE_CLASS)
+def _require_class(class_id: int, *sides: TrackRows) -> None:
+    """Makes sure that a class is there, if there are classes at all."""
+    present = set(np.concatenate([rows.text_class for rows in sides]).tolist())
+    present -= {UNKNOWN_CLASS} if sides[0].rles is None else {UNKNOWN_CLASS, MOTS_IGNORE_CLASS}
     if present and class_id not in present:
         raise SourceError(
-            f"{truth.file} and its predictions have no row of class {class_id}; "
-            f"they have {', '.join(map(str, sorted(present)))}"
+            f"{' and '.join(rows.file for rows in sides)} has no row of class {class_id}; it has "
+            f"{', '.join(map(str, sorted(present)))}"
         )
 
 

@@ -20,6 +20,10 @@ from remind_jax.masks.run_length import find_malformed
 UNKNOWN_CLASS = -1
 
 
+def _no_numbers() -> Int[np.ndarray, "0"]:
+    return np.zeros(0, np.int64)
+
+
 @dataclasses.dataclass(frozen=True)
 class TrackRows:
     """Truth or predictions of one scene, ordered by frame."""
@@ -36,14 +40,11 @@ class TrackRows:
     frame_size: tuple[int, int] | None = None  # height, width in pixels
     is_sampled: bool = False  # frames that are not listed were not looked at
     source_frames: Int[np.ndarray, "T"] | None = None  # numbers in the source, where it was sampled
-    ignored_frame: Int[np.ndarray, "M"] = dataclasses.field(
-        default_factory=lambda: np.zeros(0, np.int64)
-    )
+    ignored_frame: Int[np.ndarray, "M"] = dataclasses.field(default_factory=_no_numbers)
     ignored_rles: tuple[Rle, ...] = ()  # regions in which nothing is known
     is_void: bool = False  # these are cut out of predictions pixel by pixel (DAVIS)
-    text_class: Int[np.ndarray, "N"] = dataclasses.field(  # number in text, see `formats.mot`
-        default_factory=lambda: np.zeros(0, np.int64)
-    )
+    # Number in text, see `formats.mot`.
+    text_class: Int[np.ndarray, "N"] = dataclasses.field(default_factory=_no_numbers)
     first_frame: int = 0  # number of the first frame, for messages
     file: str = ""  # of text, for messages
 

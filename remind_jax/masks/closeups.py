@@ -59,12 +59,8 @@ def cut_closeups(
         # The part of the window that lies in the frame.
         columns = slice(max(x, 0), min(x + window, image.shape[1]))
         rows = slice(max(y, 0), min(y + window, image.shape[0]))
-        beyond = (
-            rows.start - y,
-            y + window - rows.stop,
-            columns.start - x,
-            x + window - columns.stop,
-        )
+        above, below = rows.start - y, y + window - rows.stop
+        beyond = above, below, columns.start - x, x + window - columns.stop
         cut = cv2.copyMakeBorder(image[rows, columns], *beyond, cv2.BORDER_REPLICATE)
         how = cv2.INTER_AREA if window > side else cv2.INTER_LINEAR
         images[row] = cv2.resize(cut, (side, side), interpolation=how)

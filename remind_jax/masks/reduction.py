@@ -14,9 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.crops import Crops
-from remind_jax.masks.erosion import erode_masks
 from remind_jax.masks.relations import find_row_ends, relate_masks
-from remind_jax.observation import AnyFeats, FrameFeats, Masks
+from remind_jax.observation import AnyFeats, FrameFeats, MaskRelations, Masks
 
 SanitizeMode = Literal["convex_hull", "morphology", "none"]
 
@@ -60,7 +59,7 @@ def reduce_masks(
     Returns:
       Masks of NumPy arrays.
     """
-    crops = erode_masks(masks, erosion_px, margin_px=0)
+    crops = Crops.of(masks).eroded(erosion_px, margin_px=0)
     num, height_px, width_px = crops.shape
     size, grid = (height_px, width_px), (height_px // patch_px, width_px // patch_px)
     coverage = np.zeros((num_slots, *grid), np.float32)
@@ -114,7 +113,6 @@ def reduce_masks(
         hole = max(0, filled_area - num_pixels)
         quality[slot] = min(1.0, max(0.0, 1.0 - hole / max(1, filled_area)))
         filled_coverage[slot][patches] = patch_coverage(summed, patch_px)
-    pad = lambda values: np.concatenate([values, np.zeros(num_slots - num, values.dtype)])  # noqa: E731
     return Masks(
         coverage=coverage,
         filled_coverage=filled_coverage,
@@ -122,8 +120,8 @@ def reduce_masks(
         box=box,
         center=center,
         area=area,
-        class_id=pad(np.asarray(class_ids, np.int32)),
-        detector_score=pad(np.asarray(scores, np.float32)),
+        class_id=_pad(np.asarray(class_ids, np.int32), num_slots),
+        detector_score=_pad(np.asarray(scores, np.float32), num_slots),
         relations=relate_masks(
             crops,
             box,
@@ -139,45 +137,38 @@ def reduce_masks(
 
 def pad_feats(frame_feats: AnyFeats, num_slots: int) -> AnyFeats:
     """Adds empty slots at the end of what is told of each detection."""
-    if isinstance(frame_feats, FrameFeats):
+    if isinstance(frame_feats, FrameFeats) or len(frame_feats.patches) == num_slots:
         return frame_feats
-    lacking = num_slots - len(frame_feats.patches)
-
-    def pad(leaf: Any) -> Any:
-        return np.pad(leaf, ((0, lacking),) + ((0, 0),) * (leaf.ndim - 1)) if lacking else leaf
-
     return dataclasses.replace(
         frame_feats,
-        patches=pad(frame_feats.patches),
-        coverage=pad(frame_feats.coverage),
+        patches=_pad(frame_feats.patches, num_slots),
+        coverage=_pad(frame_feats.coverage, num_slots),
     )
 
 
 def pad_masks(masks: Masks, num_slots: int) -> Masks:
     """Adds empty slots at the end."""
-    num = len(masks.valid)
-    if num == num_slots:
+    if len(masks.valid) == num_slots:
         return masks
-
-    def pad(leaf: Any, axes: int = 1) -> Any:
-        if leaf is None:
-            return None
-        padded = np.zeros((num_slots,) * axes + leaf.shape[axes:], leaf.dtype)
-        padded[(slice(num),) * axes] = leaf
-        return padded
-
-    relations = dataclasses.replace(
-        masks.relations,
-        gap_px=pad(masks.relations.gap_px, 2),
-        exact=pad(masks.relations.exact, 2),
-        touches_border=pad(masks.relations.touches_border),
+    parts = {field.name: getattr(masks, field.name) for field in dataclasses.fields(masks)}
+    between: MaskRelations = parts.pop("relations")
+    relations = MaskRelations(
+        gap_px=_pad(between.gap_px, num_slots, axes=2),
+        exact=_pad(between.exact, num_slots, axes=2),
+        touches_border=_pad(between.touches_border, num_slots),
     )
-    rest = {
-        field.name: pad(getattr(masks, field.name))
-        for field in dataclasses.fields(masks)
-        if field.name != "relations"
-    }
-    return Masks(relations=relations, **rest)
+    return Masks(
+        relations=relations, **{name: _pad(part, num_slots) for name, part in parts.items()}
+    )
+
+
+def _pad(leaf: Any, num_slots: int, axes: int = 1) -> Any:
+    """The array with zeros for more slots along its first axes; None stays."""
+    if leaf is None:
+        return None
+    padded = np.zeros((num_slots,) * axes + leaf.shape[axes:], leaf.dtype)
+    padded[tuple(map(slice, leaf.shape[:axes]))] = leaf
+    return padded
 
 
 def patch_coverage(

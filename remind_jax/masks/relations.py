@@ -128,10 +128,7 @@ def _least_distance(one: Int[np.ndarray, "n 2"], other: Int[np.ndarray, "m 2"]) 
 
 
 def _measure_entangled(
-    masks: Crops,
-    pair: tuple[int, int],
-    corners: np.ndarray,
-    *ends: np.ndarray,
+    masks: Crops, pair: tuple[int, int], corners: np.ndarray, *ends: np.ndarray
 ) -> float:
     """The gap of masks whose boxes overlap, by a distance transform of the pixels that matter.
 
@@ -150,11 +147,9 @@ def _measure_entangled(
     region = np.concatenate([np.minimum(source, target)[:2], np.maximum(source, target)[2:]])
     outside = 1 - _mask_in(masks, one, region).view(np.uint8)
     distance_px = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
-    nearest = cv2.minMaxLoc(
-        _crop(distance_px, target - region[[0, 1, 0, 1]]),
-        _mask_in(masks, other, target).view(np.uint8),
-    )
-    return nearest[0]
+    left, top, right, bottom = (target - region[[0, 1, 0, 1]]).tolist()
+    inside = _mask_in(masks, other, target).view(np.uint8)
+    return cv2.minMaxLoc(distance_px[top:bottom, left:right], inside)[0]
 
 
 def find_row_ends(
@@ -190,11 +185,6 @@ def _intersect(one: np.ndarray, other: np.ndarray) -> Int[np.ndarray, "4"]:
 def _mask_in(masks: Crops, row: int, box: np.ndarray) -> Bool[np.ndarray, "_h _w"]:
     left, top, right, bottom = box.tolist()
     return masks.region(row, slice(top, bottom), slice(left, right))
-
-
-def _crop(image: np.ndarray, box: np.ndarray) -> np.ndarray:
-    left, top, right, bottom = box.tolist()
-    return image[top:bottom, left:right]
 
 
 def _gap_between_boxes(

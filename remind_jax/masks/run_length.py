@@ -22,23 +22,15 @@ _MAX_CHARACTERS = 8
 
 def encode_masks(masks: Bool[np.ndarray, "N H W"] | Crops) -> tuple[Rle, ...]:
     """Run-length encodes pixel masks, one COCO RLE per mask."""
-    crops = Crops.of(masks)
-    return tuple(
-        _encode_crop(corner, window, crops.size)
-        for corner, window in zip(crops.corners, crops.windows, strict=True)
-    )
-
-
-def _encode_crop(
-    corner: tuple[int, int], window: Bool[np.ndarray, "_h _w"], frame_size: tuple[int, int]
-) -> Rle:
-    """The code of a mask of which only the part in a box is looked at."""
-    (left, top), height = corner, frame_size[0]
-    # As columns of the picture, with a pixel of background before and behind.
-    columns = np.zeros((window.shape[1], height), bool)
-    columns[:, top : top + window.shape[0]] = window.T
-    edges = np.flatnonzero(np.diff(columns.ravel(), prepend=False, append=False)) + left * height
-    return _encode_edges(edges, frame_size)
+    crops, codes = Crops.of(masks), []
+    height, _ = crops.size
+    for (left, top), window in zip(crops.corners, crops.windows, strict=True):
+        # As columns of the picture, with a pixel of background before and behind.
+        columns = np.zeros((window.shape[1], height), bool)
+        columns[:, top : top + window.shape[0]] = window.T
+        edges = np.flatnonzero(np.diff(columns.ravel(), prepend=False, append=False))
+        codes.append(_encode_edges(edges + left * height, crops.size))
+    return tuple(codes)
 
 
 def _encode_edges(edges: Int[np.ndarray, "edges"], frame_size: tuple[int, int]) -> Rle:
@@ -85,7 +77,8 @@ def decode_mask(rle: Rle) -> UInt8[np.ndarray, "H W"]:
 
 def cut_masks(rles: Sequence[Rle], frame_size: tuple[int, int]) -> Crops:
     """The masks of sound codes as boxes; nothing of the size of the picture is made."""
-    return Crops.join(frame_size, (cut_runs(read_runs(rle), frame_size[0]) for rle in rles))
+    runs = (_read_runs(_read_digits(rle))[0] for rle in rles)
+    return Crops.join(frame_size, (cut_runs(of_mask, frame_size[0]) for of_mask in runs))
 
 
 def mask_box(rle: Rle) -> tuple[int, int, int, int]:
@@ -125,11 +118,6 @@ def is_malformed(rle: Rle) -> bool:
     )
 
 
-def read_runs(rle: Rle) -> Int[np.ndarray, "runs"]:
-    """Run lengths of a sound code: background, mask, background, ..."""
-    return _read_runs(_read_digits(rle))[0]
-
-
 def _read_digits(rle: Rle) -> Int[np.ndarray, "characters"]:
     return np.frombuffer(rle["counts"], np.uint8).astype(np.int64) - 48
 
@@ -137,7 +125,7 @@ def _read_digits(rle: Rle) -> Int[np.ndarray, "characters"]:
 def _read_runs(
     digit: Int[np.ndarray, "characters"],
 ) -> tuple[Int[np.ndarray, "runs"], Int[np.ndarray, "runs"]]:
-    """The run lengths of a code that ends with a number, and how many characters each has."""
+    """The runs (background, mask, ...) of a code that ends with a number, and their characters."""
     ends = np.flatnonzero((digit & 32) == 0)
     starts = np.concatenate([[0], ends[:-1] + 1])
     lengths = ends - starts + 1

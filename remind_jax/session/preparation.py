@@ -16,7 +16,6 @@ from remind_jax.frame import Detections, Frame
 from remind_jax.masks.alignment import Alignment
 from remind_jax.masks.closeups import Closeups, cut_closeups
 from remind_jax.masks.doubles import find_doubles
-from remind_jax.masks.erosion import erode_masks
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.method import Method
 from remind_jax.observation import Masks
@@ -98,7 +97,7 @@ class FramePreparer:
         image = None if frame.image is None else alignment.align_image(frame.image)
         closeups = None
         if self._with_closeups and image is not None and frame.features is None:
-            eroded = erode_masks(masks, options.erosion_px, margin_px=0)
+            eroded = masks.eroded(options.erosion_px, margin_px=0)
             closeups = cut_closeups(image, eroded, self._patch_px)
         reduced_at = time.perf_counter()
         spent = {"masks": 1000 * (reduced_at - start)}

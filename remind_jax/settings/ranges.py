@@ -87,17 +87,6 @@ def check_range(name: str, value: Any, record: Setting) -> None:
         _check(name, value, *range_of(record), record.why)
 
 
-def check_count(name: str, value: Any, record: Setting) -> None:
-    """Checks a count that fixes shapes; what is no whole number passes.
-
-    Raises:
-      ConfigError: If it is larger than supported.
-    """
-    if isinstance(value, int) and not isinstance(value, bool):
-        most = MAX_COUNTS.get(record.unit, math.inf) if record.most is None else record.most
-        _check(name, value, -math.inf, most, record.why)
-
-
 def _check(name: str, value: float, least: float, most: float, why: str) -> None:
     if not math.isfinite(value):
         raise ConfigError(f"{name} is {value!r}; it must be a finite number")
@@ -133,11 +122,7 @@ def check_switch(name: str, value: Any) -> None:
 
 
 def check_function(name: str, value: Any) -> None:
-    """Checks what is called later.
-
-    Raises:
-      OptionError: If it cannot be called; None may be left out.
-    """
+    """Raises OptionError if what is called later cannot be called; None may be left out."""
     if value is not None and not callable(value):
         raise OptionError(f"'{name}' is {reprlib.repr(value)}; give a function", name)
 
@@ -179,32 +164,29 @@ def check_fields(settings: Any, section: str) -> None:
         if kind is int and not _is_count(value, 1 if record.least is None else record.least):
             sign = "positive " if record.least is None else ""
             raise ConfigError(f"{name} is {value!r}; it must be a {sign}whole number")
-        if arguments == (int, int) and not _are_two_counts(value):
+        is_pair = isinstance(value, tuple) and len(value) == 2 and all(map(_is_count, value))
+        if arguments == (int, int) and not is_pair:
             raise ConfigError(f"{name} is {value!r}; it must be two positive whole numbers")
         if arguments and arguments[-1] is Ellipsis:
             _check_list(name, value, arguments[0])
+        most = MAX_COUNTS.get(record.unit, math.inf) if record.most is None else record.most
         for count in value if isinstance(value, tuple) else (value,):
-            check_count(name, count, record)
+            if _is_count(count, 0):
+                _check(name, count, 0, most, record.why)
 
 
 def _check_list(name: str, values: Any, kind: type) -> None:
     """Names, or numbers from 0 on, in a tuple of any length."""
-    is_one = _is_name if kind is str else lambda value: _is_count(value, 0)
     if not isinstance(values, tuple) or len(values) > _MAX_LISTED:
         raise ConfigError(f"{name} must be a list of at most {_MAX_LISTED} entries")
     for value in values:
-        if not is_one(value):
-            names = f"names of 1 to {_MAX_CHARACTERS} characters"
-            what = names if kind is str else "numbers from 0 on"
-            raise ConfigError(f"{name} holds {reprlib.repr(value)}; it must be a list of {what}")
-
-
-def _is_name(value: Any) -> bool:
-    return isinstance(value, str) and 0 < len(value) <= _MAX_CHARACTERS
-
-
-def _are_two_counts(value: Any) -> bool:
-    return isinstance(value, tuple) and len(value) == 2 and all(map(_is_count, value))
+        if kind is str:
+            fits = isinstance(value, str) and 0 < len(value) <= _MAX_CHARACTERS
+            wanted = f"names of 1 to {_MAX_CHARACTERS} characters"
+        else:
+            fits, wanted = _is_count(value, 0), "numbers from 0 on"
+        if not fits:
+            raise ConfigError(f"{name} holds {reprlib.repr(value)}; it must be a list of {wanted}")
 
 
 def _is_count(value: Any, least: int = 1) -> bool:

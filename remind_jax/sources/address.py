@@ -7,7 +7,7 @@ import re
 import stat
 from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import urlsplit
 
 from remind_jax.errors import SourceError
@@ -21,30 +21,15 @@ _DEVICE = re.compile(r"/dev/video\d+")
 
 
 @dataclasses.dataclass(frozen=True)
-class CameraAddress:
-    """A camera at this machine."""
+class Address:
+    """A camera of this machine, or a stream from another one."""
 
-    device: int | str  # number, or path of the device
+    kind: Literal["camera", "stream"]
+    target: int | str = dataclasses.field(repr=False)  # number or path of a camera, or a URL
+    shown: str  # what of it may be printed or stored
     name: str
-
-    @property
-    def shown(self) -> str:
-        """As it was given."""
-        return self.name if isinstance(self.device, int) else self.device
-
-
-@dataclasses.dataclass(frozen=True)
-class StreamAddress:
-    """A stream from another machine; only `shown` may be printed or stored."""
-
-    url: str = dataclasses.field(repr=False)
-    shown: str
-    name: str
-    host: str
+    host: str = ""  # of a stream
     port: int | None = None
-
-
-Address = CameraAddress | StreamAddress
 
 
 def read_address(spec: Any) -> Address | None:
@@ -61,7 +46,7 @@ def read_address(spec: Any) -> Address | None:
         return None
     text = str(spec)
     if _DEVICE.fullmatch(text) or _is_device(text):
-        return CameraAddress(text, f"camera-{Path(text).name}")
+        return Address("camera", text, text, f"camera-{Path(text).name}")
     if text.isascii() and text.isdigit() and not Path(text).exists():
         return _camera(int(text))
     scheme = _SCHEME.match(text)
@@ -83,13 +68,13 @@ def hide_secrets(text: str) -> str:
     return f"{parts.scheme}://{user}{host}{'' if port is None else f':{port}'}{parts.path}{query}"
 
 
-def _camera(number: int) -> CameraAddress:
+def _camera(number: int) -> Address:
     if not 0 <= number <= MAX_CAMERA:
         raise SourceError(f"camera {number} cannot be; cameras are numbered from 0 to {MAX_CAMERA}")
-    return CameraAddress(number, f"camera-{number}")
+    return Address("camera", number, f"camera-{number}", f"camera-{number}")
 
 
-def _stream(url: str, scheme: str) -> StreamAddress:
+def _stream(url: str, scheme: str) -> Address:
     shown = hide_secrets(url)
     if scheme.lower() not in SCHEMES:
         raise SourceError(
@@ -109,7 +94,7 @@ def _stream(url: str, scheme: str) -> StreamAddress:
         raise SourceError(f"'{shown}' names no host; give {scheme}://HOST[:PORT]/PATH")
     words = re.sub(r"[^\w.]+", "-", f"{host}{path}").strip("-.")
     url = scheme.lower() + url[len(scheme) :]  # FFmpeg knows no other spelling
-    return StreamAddress(url, shown, words[:80] or host, host, port)
+    return Address("stream", url, shown, words[:80] or host, host, port)
 
 
 def _is_device(text: str) -> bool:

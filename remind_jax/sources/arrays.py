@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.files.host_array import host_array
 from remind_jax.formats.pictures import decode_image
 from remind_jax.frame import UNTIMED_FPS, Detections, Frame
 from remind_jax.sources.detections import ClassNaming, detections_from
-from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
+from remind_jax.sources.file_tree import read_of_frame
+from remind_jax.sources.source import Content, Entry, Report
 
 
 class ItemReader:
@@ -110,10 +110,7 @@ def _read_item(item: Any, index: int, class_names: ClassNaming | None) -> Conten
 
 def _as_image(item: Any, index: int) -> UInt8[np.ndarray, "H W 3"]:
     if isinstance(item, str | Path):
-        try:
-            return decode_image(files.read_bytes(item))
-        except OSError as error:
-            raise UnreadableFrame(f"'{item}' cannot be read: {error.strerror or error}") from error
+        return decode_image(read_of_frame(Path(item)))
     array = host_array(item, f"pixels of item {index}")
     if 0 in array.shape:
         raise SourceError(f"item {index} has shape {array.shape}: there are no pixels")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import os
 import socket
@@ -17,7 +18,7 @@ import numpy as np
 
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_PICTURE_PIXELS
-from remind_jax.sources.address import Address, CameraAddress, StreamAddress
+from remind_jax.sources.address import Address
 from remind_jax.sources.source import Content
 from remind_jax.sources.video import CONTAINERS, check_video_size, read_picture
 
@@ -32,7 +33,6 @@ else:
 _FORMATS = f"{CONTAINERS},mpjpeg,rtsp,rtp,sdp,hls,mpegtsraw"
 _PROTOCOLS = "http,https,tcp,tls,rtsp,rtsps,rtp,srtp,udp,crypto"
 _MAX_DAMAGED = 300  # packets without a picture between two, until a stream counts as unreadable
-_SILENT = "sends no pictures"
 
 
 class Unreachable(SourceError):
@@ -66,15 +66,13 @@ class Capture(Protocol):
 
 def open_capture(address: Address, wait_s: float) -> Capture:
     """Opens a camera or a stream. Raises Unreachable if that fails; it may be tried again."""
-    if isinstance(address, CameraAddress):
-        return _Camera(address)
-    return _Stream(address, wait_s)
+    return _Camera(address) if address.kind == "camera" else _Stream(address, wait_s)
 
 
 class _Stream:
     """A stream by FFmpeg, which raises at the end of the time given."""
 
-    def __init__(self, address: StreamAddress, wait_s: float) -> None:
+    def __init__(self, address: Address, wait_s: float) -> None:
         options = {
             "format_whitelist": _FORMATS,
             "protocol_whitelist": _PROTOCOLS,
@@ -83,9 +81,9 @@ class _Stream:
             "analyzeduration": "1000000",  # microseconds that finding out about it may take
             "fpsprobesize": "0",
         }
-        self._ended: str | None = None
+        url, wait = str(address.target), (wait_s, wait_s)
         try:
-            self._container = av.open(address.url, options=options, timeout=(wait_s, wait_s))
+            self._container = av.open(url, options=options, timeout=wait)
         except (av.error.FFmpegError, OSError, ValueError) as error:
             # The address in the text of the error may hold a password.
             raise Unreachable(_say_unreachable(address, error, wait_s)) from None
@@ -97,7 +95,6 @@ class _Stream:
         self._wait_s = wait_s
 
     def read(self) -> Picture | None:
-        """The next picture as it is decoded; see `Capture`."""
         try:
             frame = next(self._pictures, None)
         except av.error.ExitError:
@@ -109,7 +106,6 @@ class _Stream:
         return None if frame is None else functools.partial(read_picture, frame)
 
     def close(self) -> None:
-        """Hangs up."""
         with contextlib.suppress(av.error.FFmpegError, OSError):
             self._container.close()
 
@@ -129,9 +125,9 @@ class _Stream:
             yield from frames
 
 
-def _video_of(container: av.container.InputContainer, address: StreamAddress) -> av.VideoStream:
+def _video_of(container: av.container.InputContainer, address: Address) -> av.VideoStream:
     if not container.streams.video:
-        raise Unreachable(f"'{address.shown}' {_SILENT}; give the address of a video stream")
+        raise Unreachable(f"'{address.shown}' sends no pictures; give that of a video stream")
     stream = container.streams.video[0]
     if container.duration is not None and container.duration > 0:
         raise SourceError(
@@ -142,29 +138,31 @@ def _video_of(container: av.container.InputContainer, address: StreamAddress) ->
     return stream
 
 
-def _say_unreachable(address: StreamAddress, error: BaseException, wait_s: float) -> str:
+def _say_unreachable(address: Address, error: BaseException, wait_s: float) -> str:
     """Why a stream cannot be opened, and what to do."""
+    late = f"did not answer within {wait_s:g} s; is the host right, and reachable?"
     reasons = (
         (av.error.ConnectionRefusedError, "refuses the connection; is it on, and the port right?"),
         (av.error.HTTPUnauthorizedError, "asks for a user and a password: //USER:PASSWORD@HOST"),
         (av.error.HTTPForbiddenError, "forbids access; give a user who may see it"),
         (av.error.HTTPNotFoundError, "does not exist on that host; is the path right?"),
+        (av.error.ExitError, late),
+        (av.error.TimeoutError, late),
+        (
+            av.error.InvalidDataError,
+            "sends no pictures that can be read; give the address of a video stream",
+        ),
     )
     shown = f"'{address.shown}'"
     for kind, what in reasons:
         if isinstance(error, kind):
             return f"{shown} {what}"
-    timed_out = isinstance(error, av.error.ExitError | av.error.TimeoutError)
-    if timed_out:
-        return f"{shown} did not answer within {wait_s:g} s; is the host right, and reachable?"
-    if isinstance(error, av.error.InvalidDataError):
-        return f"{shown} {_SILENT} that can be read; give the address of a video stream"
     try:
         socket.getaddrinfo(address.host, address.port)
     except OSError:
         return f"the host '{address.host}' of {shown} is unknown; is it spelled right?"
-    if isinstance(error, av.error.OSError) and error.errno == 5:
-        return f"{shown} breaks off before it {_SILENT.replace('sends no', 'sends any')}"
+    if isinstance(error, av.error.OSError) and error.errno == errno.EIO:
+        return f"{shown} breaks off before it sends any pictures"
     why = getattr(error, "strerror", None) or type(error).__name__
     return f"{shown} cannot be opened: {why}"
 
@@ -172,9 +170,8 @@ def _say_unreachable(address: StreamAddress, error: BaseException, wait_s: float
 class _Camera:
     """A camera by OpenCV."""
 
-    def __init__(self, address: CameraAddress) -> None:
-        self._shown = address.shown
-        device = address.device
+    def __init__(self, address: Address) -> None:
+        device = address.target
         if isinstance(device, str) and not os.access(device, os.R_OK):
             raise Unreachable(_say_no_camera(address))
         log: Any = cv2.utils.logging
@@ -193,14 +190,12 @@ class _Camera:
         self._device.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the newest picture, where drivers can
 
     def read(self) -> Picture | None:
-        """The next picture; see `Capture`."""
         is_there, pixels = self._device.read()
         if not is_there or pixels is None:
             raise Lost("gave no picture")
         return functools.partial(_content_of_bgr, pixels)
 
     def close(self) -> None:
-        """Lets go of the camera."""
         self._device.release()
 
 
@@ -209,22 +204,17 @@ def _content_of_bgr(pixels: np.ndarray) -> Content:
     return Content(cv2.cvtColor(pixels, code))
 
 
-def _say_no_camera(address: CameraAddress) -> str:
+def _say_no_camera(address: Address) -> str:
     """Why there is no picture of a camera, as far as the system tells."""
-    is_number = isinstance(address.device, int)
+    is_number = isinstance(address.target, int)
     if not is_number or sys.platform == "linux":
-        path = Path(f"/dev/video{address.device}" if is_number else str(address.device))
+        path = Path(f"/dev/video{address.target}" if is_number else str(address.target))
         if not path.exists():
-            return f"there is no camera '{path}'; {_say_cameras()}"
+            found = ", ".join(sorted(str(camera) for camera in Path("/dev").glob("video*")))
+            return f"there is no camera '{path}'; this machine has {found or 'none'}"
         if not os.access(path, os.R_OK):
             return (
                 f"the camera '{path}' may not be read by this user; allow it, as by joining the "
                 "group 'video'"
             )
     return f"camera '{address.shown}' cannot be opened; does another program use it?"
-
-
-def _say_cameras() -> str:
-    """Which cameras there are."""
-    found = sorted(str(path) for path in Path("/dev").glob("video*"))
-    return f"this machine has {', '.join(found)}" if found else "this machine has none"

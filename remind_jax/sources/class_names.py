@@ -116,11 +116,7 @@ def read_metadata(path: Path, sequence: str) -> Metadata:
 
 
 def parse_metadata(data: bytes, file: str, sequence: str) -> Metadata:
-    """Takes what is known out of the content of a metadata file.
-
-    Raises:
-      SourceError: If it is damaged.
-    """
+    """What is known of the content of a metadata file. Raises SourceError if it is damaged."""
     where = f"'{file}'"
     parts = decode_json(data, dict[str, msgspec.Raw], where)
     content = decode_json(data, _Content, where)

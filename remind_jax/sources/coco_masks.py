@@ -18,10 +18,11 @@ from jaxtyping import Bool
 from msgspec.structs import replace
 
 from remind_jax.crops import require_room
-from remind_jax.errors import RemindError, SourceError
+from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_MASK_PIXELS
 from remind_jax.files.records import Count, Text, decode_rows
 from remind_jax.formats.coco import (
+    DataSet,
     Detection,
     ImageRecord,
     Segmentation,
@@ -34,7 +35,6 @@ from remind_jax.formats.coco import (
 from remind_jax.frame import NO_INSTANCE, Detections, fill_boxes
 from remind_jax.masks.run_length import decode_mask
 from remind_jax.sources.class_names import ANY_CLASS
-from remind_jax.sources.detections import name_classes
 from remind_jax.sources.file_tree import last_number
 from remind_jax.sources.label_maps import fit_plane
 from remind_jax.sources.source import Entry, Reader
@@ -52,6 +52,8 @@ class _Position:
 
 
 _Place = int | str | _Position  # a frame by its number, its file name or its place
+# What the file says of a place: a detection, why it is none, or that the frame is there.
+_Said = tuple[_Place, Detection | str | None]
 
 
 class _FrameRow(msgspec.Struct, frozen=True):
@@ -80,18 +82,21 @@ class CocoMasks:
         content = read_data_set(data, file)
         self._categories = name_categories(content.categories, file) or dict(categories or {})
         by_place: dict[_Place, list[Detection]] = {}
-        images = {image.id: image for image in content.images}
-        videos = {video.id: video for video in content.videos}
         self._size_of: dict[_Place, tuple[int, int]] = {}  # height, width, where the file tells
-        if "detections" in _keys_of(content.annotations):
-            rows = self._rows_of_frames(content.annotations, by_place)
-        else:
-            rows = self._rows_of_annotations(content.annotations, images, videos)
-        for place, row in rows:
+        # All rows of a file are of one form.
+        raws = decode_rows(content.annotations, dict[str, msgspec.Raw], "")
+        first = next((raw.record for raw in raws if raw.record is not None), {})
+        read = self._rows_of_frames if "detections" in first else self._rows_of_annotations
+        for place, row in read(content):
+            if row is None:
+                by_place[place] = []
+                continue
             self._num_rows += 1
-            if why := _say_bad_row(row):
-                self._leave_out(f"a detection of frame '{place}': {why}")
-            elif place is not None:
+            if isinstance(row, str):
+                self._bad[self._num_rows] = row
+            elif why := _say_bad_row(row):
+                self._bad[self._num_rows] = f"a detection of frame '{place}': {why}"
+            else:
                 by_place.setdefault(place, []).append(row)
         if self._bad and len(self._bad) == self._num_rows:
             raise SourceError(
@@ -107,9 +112,9 @@ class CocoMasks:
                 f"file: '{next(iter(by_place))}', first frame: '{frames[0] if frames else 0}')"
             )
         self.frames = self._rows.keys()
-        self._unused_note: list[str] = []
+        self._unused_note = ""
         if len(self._rows) < len(by_place):
-            self._unused_note.append(
+            self._unused_note = (
                 f"{len(by_place) - len(self._rows)} of {len(by_place)} images in '{file}' are not "
                 f"frames of '{reader.name}'"
             )
@@ -133,9 +138,8 @@ class CocoMasks:
             try:
                 masks[len(kept)] = _mask_of(row, size, frame_size)
             except SourceError as error:
-                unfit = error
-                if (key := (entry.source_index, number)) not in self._bad:
-                    self._leave_out(f"a detection of frame {entry.source_index}: {error}", key)
+                unfit, said = error, f"a detection of frame {entry.source_index}: {error}"
+                self._bad.setdefault((entry.source_index, number), said)
             else:
                 kept.append(row)
         if unfit is not None:
@@ -144,29 +148,26 @@ class CocoMasks:
                 raise unfit
         return Detections.create(
             masks[: len(kept)],
-            [self._name(row) for row in kept],
+            [self._label(row) for row in kept],
             [row.score for row in kept],
             [NO_INSTANCE if row.instance_id is None else row.instance_id for row in kept],
         )
 
-    def _rows_of_annotations(
-        self,
-        raws: list[msgspec.Raw],
-        images: Mapping[int | str, ImageRecord],
-        videos: Mapping[int | str, VideoRecord],
-    ) -> Iterator[tuple[_Place | None, Detection]]:
-        for found in decode_rows(raws, Detection, f"'{self._file}'"):
+    def _rows_of_annotations(self, content: DataSet) -> Iterator[_Said]:
+        images = {image.id: image for image in content.images}
+        videos = {video.id: video for video in content.videos}
+        for found in decode_rows(content.annotations, Detection, f"'{self._file}'"):
             row = found.record
             if row is None:
-                self._count_bad(found.error)
+                yield "", str(found.error)
             elif row.segmentations is not None:
                 video = None if row.video_id is None else videos.get(row.video_id)
                 where = f"'{self._file}', row {found.number}, `segmentations`"
-                for place, shape in self._rows_of_track(row, video and video.file_names, where):
+                for place, shape in _rows_of_track(row, video and video.file_names, where):
                     self._note_size(place, video)
                     yield place, shape
             elif row.image_id is None:
-                self._count_bad(f"'{self._file}', row {found.number}: `image_id` is missing")
+                yield "", f"'{self._file}', row {found.number}: `image_id` is missing"
             else:
                 image = images.get(row.image_id)
                 place = (image and image.file_name) or row.image_id
@@ -180,62 +181,35 @@ class CocoMasks:
             if min(height, width) > 0:
                 self._size_of[place] = height, width
 
-    def _rows_of_track(
-        self, track: Detection, names: tuple[str, ...] | None, where: str
-    ) -> Iterator[tuple[_Place, Detection]]:
-        """A row of each frame that has a mask."""
-        kind: Any = Segmentation | None
-        for index, code in enumerate(decode_rows(track.segmentations or (), kind, where)):
-            if code.error is not None:
-                self._count_bad(code.error)
-            elif code.record is not None and names is not None and index >= len(names):
-                self._count_bad(f"{where}: there are more than its video has frames")
-            elif code.record is not None:
-                place = names[index] if names else _Position(index, track.video_id)
-                changes: dict[str, Any] = {"segmentation": code.record, "instance_id": track.id}
-                yield place, replace(track, segmentations=None, bboxes=None, bbox=None, **changes)
-
-    def _rows_of_frames(
-        self, raws: list[msgspec.Raw], by_place: dict[_Place, list[Detection]]
-    ) -> Iterator[tuple[_Place, Detection]]:
-        """The rows; a frame without any has a place as well."""
-        for found in decode_rows(raws, _FrameRow, f"'{self._file}'"):
+    def _rows_of_frames(self, content: DataSet) -> Iterator[_Said]:
+        places = set()
+        for found in decode_rows(content.annotations, _FrameRow, f"'{self._file}'"):
             if (frame := found.record) is None:
-                self._count_bad(found.error)
+                yield "", str(found.error)
                 continue
             place = frame.name if frame.frame is None else frame.frame
-            if place is None or place in by_place:
+            if place is None or place in places:
                 why = "`frame` is missing" if place is None else f"frame {place} is there twice"
                 raise SourceError(f"'{self._file}', row {found.number}: {why}")
-            by_place[place] = []
+            places.add(place)
+            yield place, None
             where = f"'{self._file}', row {found.number}, `detections`"
             for row in decode_rows(frame.detections, Detection, where):
-                if row.record is None:
-                    self._count_bad(row.error)
-                else:
-                    yield place, row.record
+                yield place, str(row.error) if row.record is None else row.record
 
-    def _name(self, row: Detection) -> str:
-        if row.label is not None:
-            return row.label
-        if row.category_id is None:
-            return ANY_CLASS
-        return name_classes([row.category_id], self._categories or None)[0]
-
-    def _count_bad(self, why: RemindError | str | None) -> None:
-        self._num_rows += 1
-        self._leave_out(str(why))
-
-    def _leave_out(self, why: str, key: Any = None) -> None:
-        self._bad[len(self._bad) if key is None else key] = why
+    def _label(self, row: Detection) -> str:
+        if row.label is None and row.category_id is not None:
+            return self._categories.get(row.category_id, str(row.category_id))
+        return row.label or ANY_CLASS
 
     def _tell(self) -> None:
-        self.notes[:] = self._unused_note
+        left_out = ""
         if self._bad:
-            self.notes.append(
+            left_out = (
                 f"{len(self._bad)} of {self._num_rows} detections of '{self._file}' are left out, "
                 f"the first: {next(iter(self._bad.values()))}"
             )
+        self.notes[:] = filter(None, (self._unused_note, left_out))
 
     def _require_names(self) -> None:
         """Names every category without a name before work starts."""
@@ -247,6 +221,22 @@ class CocoMasks:
                 f"categories {', '.join(map(str, missing[:20]))} in '{self._file}' have no name; "
                 "add them to its 'categories' or give a file of categories as metadata"
             )
+
+
+def _rows_of_track(
+    track: Detection, names: tuple[str, ...] | None, where: str
+) -> Iterator[tuple[_Place, Detection | str]]:
+    """A row of each frame that has a mask."""
+    kind: Any = Segmentation | None
+    for index, code in enumerate(decode_rows(track.segmentations or (), kind, where)):
+        if code.error is not None:
+            yield "", str(code.error)
+        elif code.record is not None and names is not None and index >= len(names):
+            yield "", f"{where}: there are more than its video has frames"
+        elif code.record is not None:
+            place = names[index] if names else _Position(index, track.video_id)
+            changes: dict[str, Any] = {"segmentation": code.record, "instance_id": track.id}
+            yield place, replace(track, segmentations=None, bboxes=None, bbox=None, **changes)
 
 
 def _say_bad_row(row: Detection) -> str:
@@ -272,14 +262,6 @@ def _mask_of(
     else:
         mask = decode_mask(to_rle(row.segmentation, size))
     return fit_plane(mask, frame_size, "a mask").view(bool)
-
-
-def _keys_of(raws: list[msgspec.Raw]) -> set[str]:
-    """Fields of the first row that has any: all rows of a file are of one form."""
-    for row in decode_rows(raws, dict[str, msgspec.Raw], ""):
-        if row.record is not None:
-            return set(row.record)
-    return set()
 
 
 def _match_places(places: Collection[_Place], reader: Reader, file: str) -> dict[int, _Place]:

@@ -35,22 +35,16 @@ def find_sequence(root: Path, sequence: str | None) -> str:
     found = list_sequences(root)
     if not found:
         raise SourceError(f"'{root / IMAGES}' holds no sequence of images")
-    if sequence is None:
-        if len(found) > 1:
-            raise SourceError(
-                f"'{root}' holds {len(found)} sequences; choose one by sequence "
-                f"(--sequence), for instance '{found[0]}' (others: {', '.join(found[1:6])})"
-            )
-        return found[0]
-    named = [f for f in found if sequence in (f, PurePosixPath(f).name)]
+    named = [f for f in found if sequence in (None, f, PurePosixPath(f).name)]
     if len(named) == 1:
         return named[0]
     if named:
         raise SourceError(
-            f"sequence '{sequence}' exists {len(named)} times in '{root}'; name one of "
-            + ", ".join(named)
+            f"'{root}' holds {len(named)} sequences{f' {sequence!r}' if sequence else ''}; choose "
+            f"one by sequence (--sequence): {', '.join(named[:6])}"
         )
-    raise SourceError(f"'{root}' holds no sequence '{sequence}'; {nearest_names(sequence, found)}")
+    hint = nearest_names(str(sequence), found)
+    raise SourceError(f"'{root}' holds no sequence '{sequence}'; {hint}")
 
 
 def list_sequences(root: Path) -> list[str]:

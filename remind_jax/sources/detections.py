@@ -21,6 +21,7 @@ from remind_jax.sources.source import say_size
 
 Parts = Mapping[str, Any]  # "masks" or "boxes", "labels" or "class_ids", "scores", "class_names"
 _Planes = Bool[np.ndarray, "N H W"]
+_RESULTS = ("boxes", "masks", "names", "orig_shape")  # attributes of `Results` of Ultralytics
 
 
 def published_parts(obj: Any, frame_size: tuple[int, int]) -> Parts | None:
@@ -32,38 +33,26 @@ def published_parts(obj: Any, frame_size: tuple[int, int]) -> Parts | None:
       SourceError: If it holds answers for several pictures, belongs to another picture, or neither
         masks nor boxes.
     """
-    items = obj if isinstance(obj, list | tuple) else ()
-    if items and all(isinstance(item, Mapping) and "segmentation" in item for item in items):
+    items = obj if isinstance(obj, list | tuple) and len(obj) else [obj]
+    if all(isinstance(item, Mapping) and "segmentation" in item for item in items):
         return _parts_of_sam(items, frame_size)
-    if items and _read_by(next(iter(items))) is not None:
-        if len(items) > 1:
-            raise SourceError(
-                f"the detector answered for {len(items)} pictures; give the answer for one frame"
-            )
-        obj = next(iter(items))
-    read = _read_by(obj)
-    return None if read is None else read(obj, frame_size)
-
-
-def _read_by(obj: Any) -> Callable[[Any, tuple[int, int]], Parts] | None:
-    """What reads an object of this form."""
-    if hasattr(obj, "xyxy") and hasattr(obj, "mask"):
-        return _parts_of_supervision
-    if all(hasattr(obj, name) for name in ("boxes", "masks", "names", "orig_shape")):
-        return _parts_of_ultralytics
-    return None
-
-
-def _parts_of_supervision(obj: Any, frame_size: tuple[int, int]) -> Parts:
-    del frame_size  # masks are the frame's
-    data = getattr(obj, "data", None)
-    data = data if isinstance(data, Mapping) else {}
+    first: Any = items[0]
+    is_supervision = hasattr(first, "xyxy") and hasattr(first, "mask")
+    if not is_supervision and not all(hasattr(first, name) for name in _RESULTS):
+        return None
+    if len(items) > 1:
+        raise SourceError(
+            f"the detector answered for {len(items)} pictures; give the answer for one frame"
+        )
+    if not is_supervision:
+        return _parts_of_ultralytics(first, frame_size)
+    data = getattr(first, "data", None)
     return {
-        "boxes": obj.xyxy,
-        "masks": obj.mask,
-        "scores": getattr(obj, "confidence", None),
-        "class_ids": getattr(obj, "class_id", None),
-        "labels": data.get("class_name"),
+        "boxes": first.xyxy,
+        "masks": first.mask,
+        "scores": getattr(first, "confidence", None),
+        "class_ids": getattr(first, "class_id", None),
+        "labels": data.get("class_name") if isinstance(data, Mapping) else None,
     }
 
 
@@ -195,7 +184,13 @@ def name_classes(class_ids: Any, class_names: ClassNaming | None) -> tuple[str, 
     Raises:
       SourceError: If names are given, but not for every id.
     """
-    ids = _whole_numbers(class_ids)
+    array = host_array(class_ids, "class ids")
+    is_whole = array.dtype.kind in "ui" or not array.size
+    if array.dtype.kind == "f":
+        is_whole = bool((np.isfinite(array) & (array % 1 == 0)).all())
+    if not is_whole:
+        raise SourceError(f"class ids are no whole numbers, but {array.dtype}; give whole numbers")
+    ids = [int(i) for i in array.ravel()]
     if class_names is None:
         return tuple(str(i) for i in ids)
     if isinstance(class_names, str) or not isinstance(class_names, Mapping | Sequence):
@@ -203,27 +198,17 @@ def name_classes(class_ids: Any, class_names: ClassNaming | None) -> tuple[str, 
             f"class names are {str(class_names)[:40]!r}; give a list of names, or a mapping of ids"
         )
     named = class_names if isinstance(class_names, Mapping) else dict(enumerate(class_names))
-    missing = sorted({i for i in ids if i not in named})
-    if missing:
+    if missing := sorted({i for i in ids if i not in named}):
         known = sorted(i for i in named if isinstance(i, int))
         span = f", for {known[0]} to {known[-1]}" if known else ""
         raise SourceError(
-            f"class ids {', '.join(map(str, missing[:20]))} have no name; {len(named)} names were "
+            f"class ids {', '.join(map(str, missing))} have no name; {len(named)} names were "
             f"given{span}"
         )
     for i in ids:
         if not isinstance(named[i], str):
             raise SourceError(f"the name of class {i} is {named[i]!r}; give text")
     return tuple(str(named[i]) for i in ids)
-
-
-def _whole_numbers(values: Any) -> list[int]:
-    array = host_array(values, "class ids")
-    if array.dtype.kind not in "uif" and array.size:
-        raise SourceError(f"class ids are {array.dtype}; give whole numbers")
-    if array.dtype.kind == "f" and not (np.isfinite(array) & (array % 1 == 0)).all():
-        raise SourceError("class ids are not whole numbers; give whole numbers")
-    return [int(i) for i in array.ravel()]
 
 
 def _from_mapping(
@@ -295,8 +280,4 @@ def _fit_masks(
     if masks.shape[1:] == frame_size:
         return masks
     planes = np.asarray(masks)
-    return gather(
-        lambda row: fit_plane(planes[row], frame_size, "a mask").astype(bool, copy=False),
-        len(planes),
-        frame_size,
-    )
+    return gather(lambda row: fit_plane(planes[row], frame_size, "a mask"), len(planes), frame_size)

@@ -34,6 +34,7 @@ class Feed:
 
     Attributes:
       num_arrived: Pictures so far.
+      state: Whether it gives pictures now.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class Feed:
         self.num_arrived = 0
         self._waiting = collections.deque[Arrival](maxlen=1)
         self._news: list[str] = []
-        self._state: State = "connected"
+        self.state: State = "connected"
         self._error: SourceError | None = None
         self._changed, self._stopping = threading.Condition(), threading.Event()
         self._capture = open_source(wait_s)
@@ -66,11 +67,6 @@ class Feed:
         # Stopped in any case when the process ends.
         self._thread = threading.Thread(target=self._watch, name="live source", daemon=True)
         self._thread.start()
-
-    @property
-    def state(self) -> State:
-        """Whether it gives pictures now."""
-        return self._state
 
     @property
     def silent_s(self) -> float:
@@ -88,7 +84,7 @@ class Feed:
                 left_s = _WAKE_S if until is None else min(_WAKE_S, until - time.monotonic())
                 if left_s <= 0 or self._stopping.is_set():
                     return None
-                if self._state == "ended":
+                if self.state == "ended":
                     if self._error is not None:
                         raise self._error
                     return None
@@ -133,7 +129,7 @@ class Feed:
             with contextlib.suppress(Exception):
                 self._capture.close()
             with self._changed:
-                self._state, self._error = "ended", error
+                self.state, self._error = "ended", error
                 self._changed.notify_all()
 
     def _read_on(self) -> str | None:
@@ -158,12 +154,12 @@ class Feed:
     def _add(self, picture: Picture) -> None:
         with self._changed:
             now = time.monotonic()
-            if self._state == "lost":
+            if self.state == "lost":
                 gone_s = now - self._last
                 self._news.append(f"'{self._shown}' was lost for {gone_s:.1f} s and came back")
             self._waiting.append(Arrival(picture, self.num_arrived, now))
             self.num_arrived += 1
-            self._state, self._last = "connected", now
+            self.state, self._last = "connected", now
             self._changed.notify_all()
 
     def _reconnect(self, why: str) -> str | None:
@@ -176,7 +172,7 @@ class Feed:
             raise SourceError(f"'{self._shown}' {why} before its first picture; is it on?")
         self._capture.close()
         with self._changed:
-            self._state = "lost"
+            self.state = "lost"
         pause_s, reason = _FIRST_PAUSE_S, f"it {why}"
         while (left_s := self._reconnect_s - self.silent_s) > 0:
             if self._stopping.wait(min(pause_s, left_s)):

@@ -57,10 +57,8 @@ def read_of_frame(path: Path) -> bytes:
 
 def read_bytes(path: Path) -> bytes:
     """A whole file on disk. Raises SourceError if it cannot be read."""
-    try:
+    with files.reading(path):
         return files.read_bytes(path)
-    except OSError as error:
-        raise SourceError(f"'{path}' cannot be read: {error.strerror or error}") from error
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:

@@ -95,24 +95,20 @@ def _read_times(folder: Path, file_names: Sequence[str]) -> list[float] | None:
             f"'{path}' has {len(lines)} lines, its folder {len(names)} pictures; give one line "
             "per picture, or remove the file"
         )
-    times_s: list[float] = []
-    for number, line in enumerate(lines[: len(names)]):
+    time_of: dict[str, float] = {}
+    last_s = -MAX_TIME_S
+    for number, (name, line) in enumerate(zip(names, lines, strict=False), 1):
         try:
             time_s = float(line)
         except ValueError:
             time_s = math.nan
-        if not abs(time_s) <= MAX_TIME_S:
+        if not last_s <= time_s <= MAX_TIME_S:
+            before = f", before the {last_s} of the line above" if time_s < last_s else ""
             raise SourceError(
-                f"line {number + 1} of '{path}' is {line[:40]!r}; give the seconds of "
-                "one picture in every line, or remove the file"
+                f"line {number} of '{path}' is {line[:40]!r}{before}; give the seconds of one "
+                "picture in every line, none before those above, or remove the file"
             )
-        if times_s and time_s < times_s[-1]:
-            raise SourceError(
-                f"line {number + 1} of '{path}' is {time_s}, before the {times_s[-1]} of the line "
-                "above; give seconds that do not descend, or remove the file"
-            )
-        times_s.append(time_s)
-    time_of = dict(zip(names, times_s, strict=True))
+        time_of[name] = last_s = time_s
     return [time_of[name] for name in file_names]
 
 

@@ -87,7 +87,9 @@ class LabelMaps:
         labels = fit_plane(self._read(file), frame_size, f"annotation '{file}'")
         ids = self._ids_in(labels)
         self._require_classes(ids)
-        return detections_in(labels, self._classes, ids)
+        kept = [i for i in ids if self._classes[i] is not None]  # of class null, or skipped
+        names = [str(self._classes[i]) for i in kept]
+        return Detections.create(masks_of(labels, kept), names, instance_ids=kept)
 
     def _read(self, file: str) -> Integer[np.ndarray, "H W"]:
         try:
@@ -117,11 +119,9 @@ class LabelMaps:
         reasons = []
         for at in looked_at:
             try:
-                labels = self._read(files[at])
+                self._require_classes(self._ids_in(self._read(files[at])))
             except UnreadableFrame as error:
                 reasons.append(str(error))
-                continue
-            self._require_classes(self._ids_in(labels))
         if len(reasons) == len(looked_at):
             raise SourceError(
                 f"'{self._folder}' holds no instance maps that can be used: "
@@ -129,33 +129,18 @@ class LabelMaps:
             )
 
     def _require_classes(self, ids: list[int]) -> None:
-        if self._unlabelled == "error" and self._classes.missing(ids):
-            require_classes(self._classes, self._all_ids(), str(self._folder))
-
-    def _all_ids(self) -> set[int]:
-        """Ids of all annotations: read only to name everything that is to be mended at once."""
-        ids: set[int] = set()
+        if self._unlabelled == "skip" or not self._classes.missing(ids):
+            return
+        all_ids: set[int] = set()  # so that everything that is to be mended is named at once
         for file in self._file_of.values():
-            try:
-                ids.update(self._ids_in(self._read(file)))
-            except UnreadableFrame:
-                continue
-        return ids
+            with contextlib.suppress(UnreadableFrame):
+                all_ids.update(self._ids_in(self._read(file)))
+        require_classes(self._classes, all_ids, str(self._folder))
 
 
 def list_maps(folder: Path) -> list[str]:
     """Names of the instance maps directly in a folder."""
     return [name for name in files_in(folder) if name.lower().endswith(MAP_SUFFIXES)]
-
-
-def detections_in(
-    labels: Integer[np.ndarray, "H W"], classes: ClassNames, ids: Sequence[int] | None = None
-) -> Detections:
-    """Takes an instance map apart, ascending by id; instances without class are left out."""
-    ids = instance_ids_in(labels) if ids is None else ids
-    kept = [i for i in ids if classes[i] is not None]
-    masks = masks_of(labels, kept)
-    return Detections.create(masks, [str(classes[i]) for i in kept], instance_ids=kept)
 
 
 def masks_of(labels: Integer[np.ndarray, "H W"], ids: Sequence[int]) -> Bool[np.ndarray, "N H W"]:
@@ -185,7 +170,7 @@ def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str
     missing = classes.missing(i for i in instance_ids if i > 0)
     if missing:
         raise SourceError(
-            f"instances {_list(missing)} in '{place}' have no class; add them to "
+            f"instances {', '.join(map(str, missing))} in '{place}' have no class; add them to "
             f"'{classes.file}' (null leaves one out), or open the source with unlabelled='skip'"
         )
 
@@ -246,12 +231,6 @@ def match_annotations(
     if matched:
         return matched
     return dict(enumerate(files)) if len(files) == len(frame_names) else {}
-
-
-def _list(numbers: Sequence[int]) -> str:
-    """Numbers as text, the first of many."""
-    rest = f" and {len(numbers) - 20} others" if len(numbers) > 20 else ""
-    return ", ".join(map(str, numbers[:20])) + rest
 
 
 def instance_ids_in(labels: Integer[np.ndarray, "..."]) -> list[int]:

@@ -53,11 +53,7 @@ def locate(path: Path, choice: Choice) -> Located:
 
 
 def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
-    """Opens the instance maps of a folder that was named for them.
-
-    Raises:
-      SourceError: If there are none.
-    """
+    """Opens the instance maps of a folder that was named for them; SourceError if it has none."""
     if not path.is_dir():
         raise SourceError(
             f"'{path}' is no folder; masks are a folder of instance maps "
@@ -82,18 +78,11 @@ def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
 
 
 def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
-    """Refuses the name of a sequence where a source and its masks leave no choice of one.
-
-    Raises:
-      OptionError: If it would change nothing.
-    """
-    if choice.sequence is None:
-        return
+    """Raises OptionError if a sequence is named where source and masks leave no choice of one."""
     mask_folder = Path(masks) if isinstance(masks, str | Path) else None
-    if mask_folder is not None and mask_folder.is_dir() and not list_maps(mask_folder):
-        return
-    is_davis = path is not None and path.is_dir() and davis.is_davis(path)
-    if is_davis or (path is not None and davis.split_davis_path(path) is not None):
+    masks_have = mask_folder and mask_folder.is_dir() and not list_maps(mask_folder)
+    source_has = path and (davis.is_davis(path) or davis.split_davis_path(path) is not None)
+    if choice.sequence is None or masks_have or source_has:
         return
     source = "the source" if path is None else f"'{path}'"
     raise OptionError(
@@ -104,14 +93,14 @@ def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
 
 
 def _locate_in_folder(path: Path, choice: Choice) -> Located:
-    inside = davis.split_davis_path(path)
-    if inside is not None:
+    if (inside := davis.split_davis_path(path)) is not None:
         root, sequence = inside
-        chosen = dataclasses.replace(choice, sequence=sequence or choice.sequence)
-        return _locate_davis(root, chosen)
-    name = choice.name or path.name
+        return _locate_davis(
+            root, dataclasses.replace(choice, sequence=sequence or choice.sequence)
+        )
     if davis.is_davis(path):
         return _locate_davis(path, choice)
+    name = choice.name or path.name
     if list_images(path):
         return ImageReader(path, name, choice.image_fps), None
     images = scannetpp.find_images(path)

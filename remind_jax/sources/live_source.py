@@ -16,7 +16,7 @@ from typing import Any
 from remind_jax.errors import OptionError, SourceError
 from remind_jax.frame import Frame, SkippedFrame
 from remind_jax.settings.ranges import check_option
-from remind_jax.sources.address import CameraAddress, read_address
+from remind_jax.sources.address import read_address
 from remind_jax.sources.capture import Capture, open_capture
 from remind_jax.sources.feed import Arrival, Feed, State
 from remind_jax.sources.sampling import Sampling
@@ -36,11 +36,7 @@ PASSED_OVER = "a newer one was there when the tracker was ready"
 
 @dataclasses.dataclass(frozen=True)
 class LiveOptions:
-    """How a live source is read.
-
-    Raises:
-      OptionError: If a value is out of range.
-    """
+    """How a live source is read. Raises OptionError if a value is out of range."""
 
     duration: float | None = None  # end after so many seconds
     reconnect: float = RECONNECT_S  # seconds that a lost source is waited for
@@ -51,11 +47,7 @@ class LiveOptions:
         check_option("reconnect", self.reconnect, 0, _MAX_SECONDS, whole=False)
 
     def refuse_for_recordings(self, shown: str) -> None:
-        """Refuses options that change nothing where a source does not go on by itself.
-
-        Raises:
-          OptionError: If one is given.
-        """
+        """Raises OptionError if one is given for a source that does not go on by itself."""
         for field in dataclasses.fields(self):
             if getattr(self, field.name) != field.default:
                 raise OptionError(
@@ -77,11 +69,7 @@ class SourceStatus:
 
 
 class LiveReader:
-    """Pictures of a live source, as a `Reader`.
-
-    Raises:
-      SourceError: If it cannot be opened.
-    """
+    """Pictures of a live source, as a `Reader`. Raises SourceError if it cannot be opened."""
 
     entry_names: tuple[str, ...] | None = None
     num_entries: int | None = None
@@ -222,7 +210,6 @@ def open_live(
         raise SourceError(
             f"'{address.shown}' is live, so that no masks can belong to its frames; give a detector"
         )
-    kind = "camera" if isinstance(address, CameraAddress) else "stream"
     open_it = functools.partial(open_capture, address)
-    reader = LiveReader(kind, name or address.name, address.shown, open_it, options)
+    reader = LiveReader(address.kind, name or address.name, address.shown, open_it, options)
     return LiveSource(reader, sampling)

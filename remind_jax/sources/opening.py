@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import inspect
 import re
+import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -107,10 +108,8 @@ def open_source(
     for option, value in (("sequence", sequence), ("name", name)):
         is_name = isinstance(value, str) and 0 < len(value) <= MAX_NAME and is_text(value)
         if value is not None and not is_name:
-            shown = repr(value)[:40]
-            raise OptionError(
-                f"'{option}' is {shown}; give text of 1 to {MAX_NAME} characters", option
-            )
+            wanted = f"text of 1 to {MAX_NAME} characters"
+            raise OptionError(f"'{option}' is {reprlib.repr(value)}; give {wanted}", option)
     if unlabelled not in ("error", "skip"):
         raise OptionError(f"'unlabelled' is {unlabelled!r}; give 'error' or 'skip'", "unlabelled")
     live = LiveOptions(duration, reconnect)
@@ -140,10 +139,10 @@ def open_source(
     else:
         reader, open_own_masks = _read_items(spec, choice, class_names), None
         refuse_unused(choice, None, masks)
-    if masks is not None:
-        provider = _open_masks(masks, reader, choice, class_names)
-    else:
+    if masks is None:
         provider = open_own_masks() if open_own_masks is not None else None
+    else:
+        provider = _open_masks(masks, reader, choice, class_names)
     return SampledSource(
         reader, provider, chosen, allow_size_change=allow_size_change, reopen=reopen
     )
@@ -198,7 +197,11 @@ def _open_masks(
     if isinstance(masks, str) and masks == NO_MASKS:
         return None
     if isinstance(masks, str | Path):
-        return _open_mask_file(_existing(masks), reader, choice)
+        path, named = _existing(masks), choice.metadata
+        if path.suffix.lower() not in (".json", ".jsonl"):
+            return open_maps_at(path, reader, choice)
+        categories = read_categories(read_bytes(named), str(named)) if named else None
+        return CocoMasks(read_bytes(path), str(path), reader, categories)
     if not isinstance(masks, Sequence) and not hasattr(masks, "__array__"):
         if not isinstance(masks, Iterable):
             raise SourceError(
@@ -207,15 +210,6 @@ def _open_masks(
             )
         masks = list(masks)
     return ArrayMasks(masks, functools.partial(detections_from, class_names=class_names))
-
-
-def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
-    suffix = path.suffix.lower()
-    if suffix in (".json", ".jsonl"):
-        named = choice.metadata
-        categories = read_categories(read_bytes(named), str(named)) if named else None
-        return CocoMasks(read_bytes(path), str(path), reader, categories)
-    return open_maps_at(path, reader, choice)
 
 
 def _existing(path: str | Path) -> Path:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 import numpy as np
-from jaxtyping import UInt8
 
 from remind_jax import files
 from remind_jax.errors import SourceError
@@ -117,24 +116,20 @@ def _decode(
     packets = container.demux(stream)
     while True:
         try:
-            packet = next(packets)
-        except StopIteration:
-            return
+            packet = next(packets, None)
         except av.error.FFmpegError as error:
             yield SkippedFrame("rest", f"the file is damaged: {_say(error)}", count=0)
+            return
+        if packet is None:
             return
         try:
             yield from packet.decode()
         except av.error.EOFError:
             return
         except av.error.FFmpegError as error:
-            yield SkippedFrame(_name_packet(packet), f"it cannot be decoded: {_say(error)}")
-
-
-def _name_packet(packet: av.Packet) -> str:
-    if packet.pts is None or packet.time_base is None:
-        return "packet"
-    return f"packet at {float(packet.pts * packet.time_base):.2f} s"
+            pts, clock = packet.pts, packet.time_base
+            at = "" if pts is None or clock is None else f" at {float(pts * clock):.2f} s"
+            yield SkippedFrame(f"packet{at}", f"it cannot be decoded: {_say(error)}")
 
 
 def _video_stream(container: av.container.InputContainer, file: Path) -> av.VideoStream:
@@ -149,11 +144,7 @@ def _video_stream(container: av.container.InputContainer, file: Path) -> av.Vide
 
 
 def check_video_size(stream: av.VideoStream, shown: str) -> None:
-    """Refuses a stream of larger pictures than are read.
-
-    Raises:
-      SourceError: If it is such a stream.
-    """
+    """Raises SourceError if a stream is of larger pictures than are read."""
     width, height = stream.width, stream.height
     if width * height > MAX_PICTURE_PIXELS or max(width, height) > MAX_SIDE_PX:
         raise SourceError(
@@ -179,17 +170,16 @@ def _count_frames(
 
 
 def read_picture(frame: av.VideoFrame) -> Content:
-    """A decoded picture. Raises UnreadableFrame if it is damaged."""
+    """A decoded picture in RGB, turned upright as the container says (telephones film sideways).
+
+    Raises:
+      UnreadableFrame: If it is damaged.
+    """
     if frame.is_corrupt:
         raise UnreadableFrame("the picture is damaged")
-    return Content(to_rgb(frame))
-
-
-def to_rgb(frame: av.VideoFrame) -> UInt8[np.ndarray, "H W 3"]:
-    """One decoded picture, turned upright as the container says (telephones film sideways)."""
     image = frame.to_ndarray(format="rgb24")
     quarter_turns = round(frame.rotation / 90) % 4
-    return np.ascontiguousarray(np.rot90(image, quarter_turns)) if quarter_turns else image
+    return Content(np.ascontiguousarray(np.rot90(image, quarter_turns)) if quarter_turns else image)
 
 
 def _positive(rate: object) -> float | None:

@@ -217,13 +217,10 @@ def test_supported_values_pass_and_others_do_not():
         refuse(key, (not value) if isinstance(value, bool) else "something else")
 
 
-def test_whole_numbers_pass_as_numbers():
+def test_whole_numbers_pass_as_numbers_and_rings_are_never_cut_short():
     config = Config.from_reference({"association": {"matching": {"match_thr": 1}}})
     assert config.thresholds.matching.match == 1.0
     assert isinstance(config.thresholds.matching.match, float)
-
-
-def test_rings_of_the_original_are_never_cut_short():
     config = Config.from_reference({"bg_local": {"outer_radius_patches": 14}})
     assert config.static.switches.ring_max_radius == 14
 

@@ -42,12 +42,9 @@ def test_another_format_is_refused_with_how_to_export(tmp_path, is_there):
         assert "yolo export model=yolo11n-seg.pt format=onnx" in str(caught.value)
 
 
-def test_weights_of_rf_detr_are_exported_otherwise():
+def test_a_network_of_rf_detr_is_told_how_it_is_exported(tmp_path):
     with pytest.raises(WeightsError, match=r'RFDETRSegMedium\(pretrain_weights="mine.pth"\)'):
         as_detector(Path("mine.pth"))
-
-
-def test_a_network_of_rf_detr_is_told_how_it_is_exported(tmp_path):
     for name, call in (
         ("rfdetr-seg-nano", "rfdetr.RFDETRSegNano().export()"),
         ("rfdetr-seg-2xlarge.onnx", "rfdetr.RFDETRSeg2XLarge().export()"),

@@ -60,11 +60,8 @@ NAMES = {"names": "{0: 'cup', 1: 'chair', 2: 'wall'}"}
 )
 def test_layouts_are_told_by_shapes(outputs, expected):
     layout = recognize_yolo_seg(outputs)
-    if expected is None:
-        assert layout is None
-    else:
-        assert layout is not None
-        assert (layout.num_coefficients, layout.num_classes, layout.suppressed) == expected
+    found = layout and (layout.num_coefficients, layout.num_classes, layout.suppressed)
+    assert found == expected
 
 
 @pytest.mark.parametrize(

@@ -52,16 +52,11 @@ def test_labels_of_a_run_are_guarded(formula, tmp_path):
 
 
 @pytest.mark.parametrize("formula", FORMULAS)
-def test_names_in_tables_of_scores_are_guarded(formula):
+def test_names_in_tables_of_scores_and_sweeps_are_guarded(formula):
     table = ComparisonTable((Row(formula, {"IDF1": -0.5}, note=formula),), ("IDF1",))
     _, row = read_back(table.to_csv())
-    assert (row[0], row[-1]) == ("'" + formula, "'" + formula)
-    assert row[1] == "-0.5"
-
-
-@pytest.mark.parametrize("formula", FORMULAS)
-def test_names_of_scenes_in_sweeps_are_guarded(formula):
-    row = SweptRow("", formula, {"decision.new": -1.0}, {"IDF1": 0.5})
-    result = SweepResult(({"decision.new": -1.0},), (formula,), ((row,),), 1, 0)
+    assert (row[0], row[1], row[-1]) == ("'" + formula, "-0.5", "'" + formula)
+    swept = SweptRow("", formula, {"decision.new": -1.0}, {"IDF1": 0.5})
+    result = SweepResult(({"decision.new": -1.0},), (formula,), ((swept,),), 1, 0)
     _, cells = read_back(result.to_csv())
     assert cells == ["0", "'" + formula, "-1.0", "0.5"]

@@ -24,7 +24,6 @@ def hold(folder: Path) -> subprocess.Popen[bytes]:
     """A process that has the folder."""
     command = [sys.executable, "-c", HOLD, str(folder)]
     holder = subprocess.Popen(command, stdout=subprocess.PIPE)
-    assert holder.stdout is not None
     assert holder.stdout.readline() == b"held\n"
     return holder
 

@@ -67,13 +67,11 @@ def test_stopped_between_the_two_the_former_one_comes_back(tmp_path, monkeypatch
     assert read(out) == {"maps/tour/0": "a"}
 
 
-def test_a_link_that_leads_nowhere_is_no_folder(tmp_path):
+def test_links_to_nothing_and_files_are_no_folders(tmp_path):
     (tmp_path / "out").symlink_to(tmp_path / "nowhere")
     with pytest.raises(OutputError, match=r"out': it is a link that leads nowhere; choose another"):
         files.make_folder(tmp_path / "out")
-
-
-def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "out").unlink()
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "tour").write_text("mine")
     with pytest.raises(OutputError, match=r"it is a file; name a folder"):

@@ -41,22 +41,14 @@ def test_rows_of_boxes(tmp_path: Path):
     assert read(path, is_truth=True).text_class.tolist() == [1]
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "1 4 0 0 2 2\n",
-        "1,4,0,0,2,2",
-        "1, 4, 0, 0, 2, 2\r\n",
-        "1,4,0,0,2,2e0\n\n",
-        "\ufeff1,4,0,0,2,2",
-    ],
-)
-def test_other_spellings_of_a_row(tmp_path: Path, text: str):
+def test_other_spellings_of_a_row(tmp_path: Path):
     path = tmp_path / "pred.txt"
-    path.write_text(text)
-    rows = read(path)
-    assert rows.boxes.tolist() == [[0, 0, 2, 2]]
-    assert rows.text_class.tolist() == [-1]
+    spellings = ["1 4 0 0 2 2\n", "1,4,0,0,2,2", "1, 4, 0, 0, 2, 2\r\n", "1,4,0,0,2,2e0\n\n"]
+    for text in (*spellings, "\ufeff1,4,0,0,2,2"):
+        path.write_text(text)
+        rows = read(path)
+        assert rows.boxes.tolist() == [[0, 0, 2, 2]]
+        assert rows.text_class.tolist() == [-1]
 
 
 def test_flagged_rows_and_other_classes_are_left_out(tmp_path: Path):
@@ -109,23 +101,13 @@ def test_formats_are_recognized(tmp_path: Path):
 def test_bad_rows_are_refused(tmp_path: Path):
     bad: dict[str, list[list[str]]] = {
         "mot": [
-            ["1,1,0,0,1"],
-            ["1,1,0,0,1,x"],
-            ["1,1,0,0,1,nan"],
-            ["1,1,0,0,1,1,1,1,-inf"],
-            ["0,1,0,0,1,1"],
-            ["9,1,0,0,1,1"],
-            ["99999999999,1,0,0,1,1"],
-            ["1.5,1,0,0,1,1"],
-            ["1,2,0,0,1,1", "1,0.5,0,0,1,1"],
-            ["1,1,0,0,-5,1"],
+            *(["1,1,0,0,1"], ["1,1,0,0,1,x"], ["1,1,0,0,1,nan"], ["1,1,0,0,1,1,1,1,-inf"]),
+            *(["0,1,0,0,1,1"], ["9,1,0,0,1,1"], ["99999999999,1,0,0,1,1"], ["1.5,1,0,0,1,1"]),
+            *(["1,2,0,0,1,1", "1,0.5,0,0,1,1"], ["1,1,0,0,-5,1"]),
         ],
         "mots": [
-            ["1 1 2 4 10 zz"],
-            ["1 1 2 4"],
-            [f"1 {10**40} 2 4 10 zz"],
-            [f"1 1 2 4 {10**40} zz"],
-            ["1 1 2 0 10 zz"],
+            *(["1 1 2 4 10 zz"], ["1 1 2 4"], ["1 1 2 0 10 zz"]),
+            *([f"1 {10**40} 2 4 10 zz"], [f"1 1 2 4 {10**40} zz"]),
             [mots_line(1, 1, 2, slice(0, 3)), mots_line(1, 2, 2, slice(2, 4))],
         ],
     }

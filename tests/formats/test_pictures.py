@@ -67,11 +67,7 @@ def test_several_pages_and_animations_are_no_picture():
     data, body = encoded("png"), b"acTL" + struct.pack(">II", 2, 0)
     chunk = struct.pack(">I", 8) + body + struct.pack(">I", zlib.crc32(body))
     ok, webp = cv2.imencodemulti(".webp", pages)
-    for picture in (
-        tiff.tobytes(),
-        data[:33] + chunk + data[33:],
-        *([webp.tobytes()] if ok else []),
-    ):
+    for picture in (tiff.tobytes(), data[:33] + chunk + data[33:], *([webp.tobytes()] * ok)):
         refuse(picture)
 
 

@@ -25,11 +25,8 @@ def test_examples_of_the_page(frame, scaled, corner, grid):
     assert alignment.scaled_size == scaled
     assert (alignment.left, alignment.top) == corner
     assert alignment.size == (16 * grid[0], 16 * grid[1])
-
-
-def test_crop_at_the_corner():
-    alignment = fit((479, 853), 16, center_crop=False)
-    assert (alignment.left, alignment.top) == (0, 0)
+    at_corner = fit(frame, 16, center_crop=False)
+    assert (at_corner.left, at_corner.top) == (0, 0)
 
 
 def test_too_small_a_frame_is_refused():

@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy import ndimage
 
 from remind_jax.crops import Crops
 from remind_jax.masks.run_length import decode_mask, encode_masks
@@ -39,3 +41,15 @@ def test_planes_come_back(seed):
         assert np.array_equal(decode_mask(codes[row]), mask)
         for rows, columns in ((slice(0, 90), slice(0, 130)), (slice(20, 41), slice(60, 61))):
             assert np.array_equal(crops.region(row, rows, columns), mask[rows, columns])
+
+
+@settings(deadline=None)
+@given(
+    masks=hnp.arrays(bool, st.tuples(st.integers(0, 3), st.integers(1, 14), st.integers(1, 14))),
+    radius=st.integers(0, 4),
+)
+def test_erosion_equals_scipy_with_a_foreground_outside(masks, radius):
+    window = np.ones((2 * radius + 1,) * 2, bool)
+    expected = [ndimage.binary_erosion(mask, window, border_value=1) for mask in masks]
+    eroded = Crops.of(masks).eroded(radius, margin_px=radius)
+    np.testing.assert_array_equal(eroded, np.reshape(expected, masks.shape))

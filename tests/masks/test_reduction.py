@@ -106,11 +106,8 @@ def test_an_empty_mask_is_no_detection():
     for leaf in (found.coverage, found.filled_coverage, found.quality, found.box, found.area):
         assert not leaf[[0, 2, 3]].any()
 
-
-def test_no_detections_at_all():
-    found = reduce_masks(
-        np.zeros((0, 40, 48), bool), np.zeros(0), np.zeros(0), num_slots=3, patch_px=PATCH
-    )
+    nothing = np.zeros((0, 40, 48), bool)
+    found = reduce_masks(nothing, np.zeros(0), np.zeros(0), num_slots=3, patch_px=PATCH)
     assert found.coverage.shape == (3, 5, 6)
     assert not found.valid.any()
 

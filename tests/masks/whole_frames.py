@@ -3,14 +3,14 @@
 import cv2
 import numpy as np
 
-from remind_jax.masks.erosion import erode_masks
+from remind_jax.crops import Crops
 
 
 def reduce_on_whole_frames(
     masks, *, patch_px, sanitize, fill_holes, close_px, open_px, keep_largest, erosion_px
 ):
     """Coverage, filled coverage, quality, box, center, area and validity of every mask."""
-    masks = np.asarray(erode_masks(masks, erosion_px, margin_px=0))
+    masks = np.asarray(Crops.of(masks).eroded(erosion_px, margin_px=0))
     rows = []
     for mask in masks:
         pixels = mask.view(np.uint8)

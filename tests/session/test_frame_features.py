@@ -8,10 +8,10 @@ import pytest
 
 from remind_jax.backbone import Backbone, get_backbone
 from remind_jax.config import load_config
+from remind_jax.crops import Crops
 from remind_jax.errors import ConfigError, RemindError
 from remind_jax.frame import Detections, Frame
 from remind_jax.masks.closeups import CLOSEUP_PATCHES, cut_closeups
-from remind_jax.masks.erosion import erode_masks
 from remind_jax.method import get_method, list_methods
 from remind_jax.observation import CloseupFeats, FrameFeats
 from remind_jax.session.frame_features import CLOSEUPS_AT_ONCE, FrameFeatures
@@ -136,7 +136,7 @@ def test_any_number_of_closeups_is_described_in_batches_of_one_size(num):
 def test_closeups_are_of_masks_after_erosion():
     image, masks = next(frames(1))
     prepared = closeup_tracker(erosion_px=2).prepare(frame_of(image, masks))
-    eroded = erode_masks(masks, 2, margin_px=0)
+    eroded = Crops.of(masks).eroded(2, margin_px=0)
     assert prepared.closeups is not None
     expected = cut_closeups(image, eroded, PATCH_PX).coverage
     np.testing.assert_array_equal(prepared.closeups.coverage, expected)

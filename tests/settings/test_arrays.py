@@ -23,7 +23,5 @@ def test_kinds(scalar):
     arrays = Sample().as_arrays(scalar)
     assert (arrays.share.dtype, arrays.count.dtype, arrays.is_on.dtype) == (scalar, "int32", "bool")
     assert not any(leaf.weak_type for leaf in jax.tree.leaves(arrays))
-
-
-def test_sweeps_keep_their_axis():
+    # Sweeps keep their axis.
     assert Sample(share=jnp.linspace(0, 1, 4)).as_arrays().share.shape == (4,)

@@ -12,7 +12,6 @@ from remind_jax.method import get_method, list_methods
 from remind_jax.settings.ranges import (
     MAX_COUNTS,
     RANGES,
-    check_count,
     check_order,
     check_range,
     range_of,
@@ -109,12 +108,8 @@ def test_thresholds_put_together_in_python_are_checked():
         load_config(Config(thresholds=thresholds))
 
 
-def test_arrays_pass_as_they_are_sweeps():
+def test_arrays_pass_as_they_are_sweeps_and_the_reason_of_a_limit_is_said():
     check_range("x", np.array([1.0, 9e9]), Setting("", "score"))
-    check_count("x", np.array([1, 10**9]), Setting("", most=3))
-
-
-def test_the_reason_of_a_limit_is_said():
     with pytest.raises(ConfigError, match="x is 4; supported: up to 3, there is no room for more"):
         check_range("x", 4, Setting("so many", most=3, why="there is no room for more"))
 

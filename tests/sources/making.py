@@ -9,8 +9,6 @@ import av
 import cv2
 import numpy as np
 
-from remind_jax.frame import Detections, Frame
-
 SIZE = (32, 48)  # height, width in pixels
 
 
@@ -74,12 +72,15 @@ def instance_map(size: tuple[int, int] = SIZE, ids: tuple[int, ...] = (1, 2)) ->
     return labels
 
 
+def write_map(path: Path, ids: tuple[int, ...] = (1, 2)) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(gray_png(instance_map(ids=ids)))
+
+
 def write_davis(root: Path, name: str = "room", num: int = 3, metadata: dict | None = None) -> None:
     write_images(root / "JPEGImages" / name, [f"{i:05d}.jpg" for i in range(num)])
-    annotations = root / "Annotations" / name
-    annotations.mkdir(parents=True)
     for i in range(num):
-        (annotations / f"{i:05d}.png").write_bytes(gray_png(instance_map()))
+        write_map(root / "Annotations" / name / f"{i:05d}.png")
     if metadata is not None:
         (root / "metadata.json").write_text(json.dumps(metadata))
 
@@ -98,11 +99,6 @@ def write_video(
             frame = av.VideoFrame.from_ndarray(picture(index), format="rgb24")
             container.mux(stream.encode(frame))  # pyright: ignore
         container.mux(stream.encode())  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def detections_in(frame: Frame) -> Detections:
-    assert frame.detections is not None
-    return frame.detections
 
 
 def jpg(index: int) -> bytes:

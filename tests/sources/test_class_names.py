@@ -14,19 +14,10 @@ def parse(content, sequence="room"):
     return parse_metadata(json.dumps(content).encode(), "m.json", sequence)
 
 
-@pytest.mark.parametrize(
-    ("label", "name"),
-    [
-        ("chair_3", "chair"),
-        ("game_controller_01", "game_controller"),
-        ("tv", "tv"),
-        ("_7", "_7"),
-        ("cup 2", "cup 2"),
-        (" mug_1 ", "mug"),
-    ],
-)
-def test_number_of_a_label_is_cut_off(label, name):
-    assert strip_number(label) == name
+def test_number_of_a_label_is_cut_off():
+    labels = ["chair_3", "game_controller_01", "tv", "_7", "cup 2", " mug_1 "]
+    names = ["chair", "game_controller", "tv", "_7", "cup 2", "mug"]
+    assert [strip_number(label) for label in labels] == names
 
 
 def test_classes_win_over_labels():
@@ -52,9 +43,6 @@ def test_youtube_vos():
     videos = {"room": {"objects": {"1": {"category": "dog", "frames": ["00000"]}}}, "b": {}}
     assert parse({"videos": videos}).classes[1] == "dog"
     assert parse({"videos": videos}, "other") == Metadata()
-
-
-def test_file_about_other_things_says_nothing():
     assert parse({"camera": "left"}) == Metadata()
 
 

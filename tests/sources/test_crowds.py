@@ -113,6 +113,5 @@ def test_no_frame_asks_for_more_than_is_meant_for_it():
     tracker = rj.Tracker()
     most = tracker.most_detections
     assert 500 <= most < MOST_DETECTIONS
-    assert tracker.method.host.count_bytes is not None
     room = rj.Static(num_detections=most, num_objects=2 * most, feature_dim=tracker.backbone.dim)
     assert tracker.method.host.count_bytes(room) <= growing_memory.MAX_FRAME_BYTES

@@ -21,7 +21,6 @@ def test_root_and_sequence(tmp_path, place):
     assert [f.name for f in frames] == ["00000.jpg", "00001.jpg", "00002.jpg"]
     for frame in frames:
         detections = frame.detections
-        assert detections is not None
         assert detections.labels == ("cup", "desk_lamp")
         assert detections.instance_ids.tolist() == [1, 2]
         assert detections.masks.dtype == bool
@@ -35,18 +34,15 @@ def test_the_folder_above_is_a_sequence_as_well(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "JPEGImages/room/sub")
     source = open_source("..")
     assert source.name == "room"
-    assert [len(making.detections_in(frame)) for frame in source] == [2] * 3
+    assert [len(frame.detections) for frame in source] == [2] * 3
 
 
-def test_without_annotations_there_are_no_detections(tmp_path):
-    making.write_images(tmp_path / "JPEGImages" / "room", ["0.jpg"])
-    (frame,) = open_source(tmp_path)
+def test_masks_may_be_missing_or_ignored(tmp_path):
+    making.write_images(tmp_path / "a" / "JPEGImages" / "room", ["0.jpg"])
+    (frame,) = open_source(tmp_path / "a")
     assert frame.detections is None
-
-
-def test_masks_can_be_ignored(tmp_path):
-    making.write_davis(tmp_path)
-    assert [f.detections for f in open_source(tmp_path, masks="none")] == [None] * 3
+    making.write_davis(tmp_path / "b")
+    assert [f.detections for f in open_source(tmp_path / "b", masks="none")] == [None] * 3
 
 
 def test_other_metadata_can_be_named(tmp_path):
@@ -54,10 +50,6 @@ def test_other_metadata_can_be_named(tmp_path):
     (tmp_path / "one.json").write_text(json.dumps({"id_to_class": {"1": "a", "2": "b"}}))
     source = open_source(tmp_path, metadata=tmp_path / "one.json")
     assert labels_of(source) == [("a", "b")] * 3
-
-
-def test_metadata_without_classes_that_was_named(tmp_path):
-    making.write_davis(tmp_path)
     (tmp_path / "one.json").write_text("{}")
     with pytest.raises(SourceError, match="maps no instance ids"):
         open_source(tmp_path, metadata=tmp_path / "one.json")
@@ -74,8 +66,7 @@ def test_places_of_metadata(tmp_path, name):
 
 def test_ids_without_class_are_named_all_at_once_with_the_file(tmp_path):
     making.write_davis(tmp_path, metadata={"id_to_label": {"1": "cup_1"}})
-    late = making.instance_map(ids=(1, 2, 9))
-    (tmp_path / "Annotations/room/00001.png").write_bytes(making.gray_png(late))
+    making.write_map(tmp_path / "Annotations/room/00001.png", (1, 2, 9))
     with pytest.raises(SourceError, match=r"instances 2, 9 in .*add them to '.*metadata\.json'"):
         open_source(tmp_path)
     assert labels_of(open_source(tmp_path, unlabelled="skip")) == [("cup",)] * 3
@@ -83,8 +74,7 @@ def test_ids_without_class_are_named_all_at_once_with_the_file(tmp_path):
 
 def test_id_without_class_in_a_frame_not_looked_at_before(tmp_path):
     making.write_davis(tmp_path, num=9, metadata=making.LABELS)
-    late = making.instance_map(ids=(1, 2, 9))
-    (tmp_path / "Annotations/room/00006.png").write_bytes(making.gray_png(late))
+    making.write_map(tmp_path / "Annotations/room/00006.png", (1, 2, 9))
     frames = iter(open_source(tmp_path))
     assert [next(frames).index for _ in range(6)] == list(range(6))
     with pytest.raises(SourceError, match="instances 9 in"):
@@ -120,21 +110,16 @@ def test_several_sequences_need_a_choice(tmp_path):
     assert len(list(open_source(tmp_path, sequence="camel"))) == 2
     assert open_source(tmp_path / "JPEGImages" / "bear").name == "bear"
 
-
-def test_resolution_folder_between(tmp_path):
-    making.write_davis(tmp_path, "480p/bear")
-    source = open_source(tmp_path, sequence="bear")
+    making.write_davis(tmp_path / "sizes", "480p/bear")  # a folder of a resolution between
+    source = open_source(tmp_path / "sizes", sequence="bear")
     assert source.name == "bear"
     assert labels_of(source) == [("object", "object")] * 3
 
 
 def test_listed_frames_are_the_frames_and_number_the_masks(tmp_path):
     making.write_images(tmp_path / "JPEGImages/room", ["c7.jpg", "a9.jpg", "x.jpg"])
-    folder = tmp_path / "Annotations/room"
-    folder.mkdir(parents=True)
-    for number, instance_id in ((0, 5), (1, 6)):
-        labels = making.instance_map(ids=(instance_id,))
-        (folder / f"frame_{number:06d}.png").write_bytes(making.gray_png(labels))
+    for number in (0, 1):
+        making.write_map(tmp_path / f"Annotations/room/frame_{number:06d}.png", (5 + number,))
     listed = {"frame_names": ["c7.jpg", "a9.jpg"], "id_to_label": {"5": "a_1", "6": "b_1"}}
     (tmp_path / "metadata.json").write_text(json.dumps(listed))
     frames = list(open_source(tmp_path))
@@ -144,11 +129,10 @@ def test_listed_frames_are_the_frames_and_number_the_masks(tmp_path):
 
 def test_listed_frames_with_masks_of_their_name(tmp_path):
     making.write_davis(tmp_path, num=4, metadata={"frame_names": ["00002.jpg", "00001.jpg"]})
-    labels = making.instance_map(ids=(8,))
-    (tmp_path / "Annotations/room/00002.png").write_bytes(making.gray_png(labels))
+    making.write_map(tmp_path / "Annotations/room/00002.png", (8,))
     frames = list(open_source(tmp_path))
     assert [f.name for f in frames] == ["00002.jpg", "00001.jpg"]
-    assert [making.detections_in(f).instance_ids.tolist() for f in frames] == [[8], [1, 2]]
+    assert [f.detections.instance_ids.tolist() for f in frames] == [[8], [1, 2]]
 
 
 def test_listed_frame_that_is_missing(tmp_path):

@@ -65,12 +65,9 @@ def test_mapping():
         detections_from({"labels": []}, SIZE)
 
 
-@pytest.mark.parametrize("given", [MASKS, MASKS.astype(np.uint8), MASKS * 255.0, list(MASKS)])
-def test_masks(given):
-    np.testing.assert_array_equal(detections_from(given, SIZE).masks, MASKS)
-
-
-def test_one_mask():
+def test_masks():
+    for given in (MASKS, MASKS.astype(np.uint8), MASKS * 255.0, list(MASKS)):
+        np.testing.assert_array_equal(detections_from(given, SIZE).masks, MASKS)
     np.testing.assert_array_equal(detections_from(MASKS[1], SIZE).masks, MASKS[1:])
 
 
@@ -95,25 +92,18 @@ def test_masks_of_the_same_aspect_are_resized():
         np.testing.assert_array_equal(detections_from(given, SIZE).masks, MASKS)
 
 
-@pytest.mark.parametrize("given", [np.ones((2, 48, 48), bool), np.ones((48, 48), np.uint8)])
-def test_masks_of_another_aspect_name_both_sizes(given):
-    with pytest.raises(SourceError, match="a mask is 48x48, its frame is 48x32"):
-        detections_from(given, SIZE)
-
-
 def test_box_the_wrong_way_round_is_empty():
     assert not np.asarray(fill_boxes(np.array([[9.0, 9.0, 3.0, 3.0]]), SIZE)).any()
 
 
-@pytest.mark.parametrize(
-    ("boxes", "words"),
-    [([[1, 1, 5, 5], [9, 9, 3, 3]], "box 1 is .*left, top"), ([[0.1, 0.1, 0.5, 0.9]], "pixels")],
-)
-def test_boxes_in_another_form_are_refused(boxes, words):
-    with pytest.raises(SourceError, match=words):
-        detections_from({"boxes": np.array(boxes)}, SIZE)
-
-
-def test_a_single_number_is_no_mask():
-    with pytest.raises(SourceError, match=r"masks have shape \(\)"):
-        detections_from(np.array(True), (4, 4))
+def test_masks_and_boxes_in_another_form_are_refused():
+    for given, words in (
+        (np.ones((2, 48, 48), bool), "a mask is 48x48, its frame is 48x32"),
+        (np.ones((48, 48), np.uint8), "a mask is 48x48, its frame is 48x32"),
+        (np.array(True), r"masks have shape \(\)"),
+        ({"boxes": np.array([[1, 1, 5, 5], [9, 9, 3, 3]])}, "box 1 is .*left, top"),
+        ({"boxes": np.array([[0.1, 0.1, 0.5, 0.9]])}, "pixels"),
+        (np.ones((2, 4)), r"numbers \[2, 4\]; boxes are given as \{'boxes'"),
+    ):
+        with pytest.raises(SourceError, match=words):
+            detections_from(given, SIZE)

@@ -34,8 +34,4 @@ def test_links_that_lead_nowhere_are_frames_that_cannot_be_read(tmp_path):
     source = open_source(tmp_path)
     assert [(frame.name, frame.source_index) for frame in source] == [("1.png", 1), ("3.png", 3)]
     assert [skipped.name for skipped in source.skipped] == ["0.png", "2.png"]
-
-
-def test_links_in_circles_are_no_folders(tmp_path):
-    (tmp_path / "a").symlink_to(tmp_path / "a")
     assert folders_in(tmp_path) == []

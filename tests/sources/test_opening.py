@@ -12,12 +12,8 @@ from tests.sources import making
 def same_frames(one, other):
     for a, b in zip(one, other, strict=True):
         np.testing.assert_array_equal(a.image, b.image)
-        assert (a.index, a.source_index, a.time_s, a.name) == (
-            b.index,
-            b.source_index,
-            b.time_s,
-            b.name,
-        )
+        for field in ("index", "source_index", "time_s", "name"):
+            assert getattr(a, field) == getattr(b, field)
         assert (a.detections is None) == (b.detections is None)
         if a.detections is not None:
             np.testing.assert_array_equal(a.detections.masks, b.detections.masks)

@@ -43,24 +43,17 @@ def test_boxes_of_a_yolo_that_segments_nothing():
     assert (rows.min(), rows.max() + 1, columns.min(), columns.max() + 1) == (4, 30, 20, 40)
 
 
-def test_nothing_detected():
-    assert len(detections_from(ultralytics_results(SIZE, []), SIZE)) == 0
-    assert len(detections_from([ultralytics_results(SIZE, [], np.zeros((0, 8, 8)))], SIZE)) == 0
-    assert len(detections_from([], SIZE)) == 0
-
-
-def test_one_answer_may_come_in_a_list():
+def test_one_answer_may_come_in_a_list_and_hold_nothing():
     answer = ultralytics_results(SIZE, BOXES)
     assert len(detections_from([answer], SIZE)) == 2
     with pytest.raises(SourceError, match="answered for 2 pictures; give the answer for one frame"):
         detections_from([answer, answer], SIZE)
-
-
-def test_results_without_detections_are_refused():
-    classified = ultralytics_results(SIZE, [])
-    classified.boxes = None
+    empty = ultralytics_results(SIZE, [])
+    for nothing in (empty, [ultralytics_results(SIZE, [], np.zeros((0, 8, 8)))], []):
+        assert len(detections_from(nothing, SIZE)) == 0
+    empty.boxes = None
     with pytest.raises(SourceError, match="neither boxes nor masks"):
-        detections_from(classified, SIZE)
+        detections_from(empty, SIZE)
 
 
 def test_names_of_the_answer_go_before_names_of_the_call():
@@ -70,23 +63,17 @@ def test_names_of_the_answer_go_before_names_of_the_call():
     assert detections_from(answer, SIZE, ["a", "b"]).labels == ("a", "b")
 
 
-def test_automatic_masks_of_sam():
+def test_automatic_masks_of_sam_also_as_run_lengths():
     found = detections_from(sam_masks(MASKS, [0.75, 1.02]), SIZE)
     np.testing.assert_array_equal(found.masks, MASKS)
     assert found.labels == ("object", "object")
     assert found.scores.tolist() == [0.75, 1.0]
-
-
-@pytest.mark.parametrize("as_counts", [str, str.encode])
-def test_automatic_masks_of_sam_as_run_lengths(as_counts):
-    answer = sam_masks(MASKS)
-    for item, mask in zip(answer, MASKS, strict=True):
-        code = encode(mask)
-        item["segmentation"] = {**code, "counts": as_counts(code["counts"])}
-        del item["predicted_iou"]
-    found = detections_from(answer, SIZE)
-    np.testing.assert_array_equal(found.masks, MASKS)
-    assert found.scores.tolist() == [1.0, 1.0]
+    for as_counts in (str, str.encode):
+        codes = [encode(mask) for mask in MASKS]
+        answer = [{"segmentation": {**c, "counts": as_counts(c["counts"])}} for c in codes]
+        found = detections_from(answer, SIZE)
+        np.testing.assert_array_equal(found.masks, MASKS)
+        assert found.scores.tolist() == [1.0, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -113,8 +100,3 @@ def test_compact_masks_of_supervision():
     np.testing.assert_array_equal(detections_from(whole, SIZE).masks, MASKS)
     answer = sv.Detections(xyxy=np.array(BOXES), mask=compact)
     np.testing.assert_array_equal(detections_from(answer, SIZE).masks, compact.to_dense())
-
-
-def test_bare_boxes_are_told_how_they_are_given():
-    with pytest.raises(SourceError, match=r"numbers \[2, 4\]; boxes are given as \{'boxes'"):
-        detections_from(np.array(BOXES), SIZE)

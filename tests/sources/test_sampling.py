@@ -28,12 +28,9 @@ def test_range_and_stride():
 
 def test_rate_follows_time_stamps():
     assert chosen(Sampling(fps=20), 10) == [0, 2, 3, 5, 6, 8, 9]
+    assert chosen(Sampling(fps=1000), 7) == list(range(7))
     uneven = [Item(i, t) for i, t in enumerate([0.0, 0.1, 0.2, 0.9, 1.0, 2.5])]
     assert [i.source_index for i in Sampling(fps=1).select(uneven)] == [0, 4, 5]
-
-
-def test_rate_never_repeats_a_frame():
-    assert chosen(Sampling(fps=1000), 7) == list(range(7))
 
 
 @pytest.mark.parametrize("sampling", [Sampling(end=3), Sampling(max_frames=3)])
@@ -65,12 +62,9 @@ def test_count_says_how_many_are_selected(num, stride, start, length, fps, max_f
     assert sampling.count(num, 30.0) == len(chosen(sampling, num))
 
 
-def test_count_is_unknown_without_a_length_or_rate():
+def test_rate_after_sampling_and_what_is_not_known():
     assert Sampling().count(None, 30.0) is None
     assert Sampling(fps=5).count(100, None) is None
-
-
-def test_rate_after_sampling():
     assert Sampling(stride=3).rate(30.0) == 10.0
     assert Sampling(fps=5).rate(30.0) == 5
     assert Sampling(fps=50).rate(30.0) == 30.0
