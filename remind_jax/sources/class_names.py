@@ -22,7 +22,7 @@ from remind_jax.files.records import decode_json
 from remind_jax.sources.file_tree import read_bytes, require_inside
 
 NUMBERED_LABEL = re.compile(r"^(.+)_\d+$")
-ANY_CLASS = "object"
+UNNAMED_CLASS = "object"  # of what nobody names
 _Id = Annotated[int, Meta(ge=0, lt=2**31)]
 _Name = Annotated[str, Meta(max_length=limits.MAX_LABEL, pattern=r"\S")]  # not blank
 _Labels = dict[_Id, _Name | None]  # by the id of an instance
@@ -72,7 +72,7 @@ class ClassNames:
         return sorted({int(i) for i in instance_ids if int(i) not in self})
 
 
-UNNAMED = ClassNames({}, default=ANY_CLASS)
+UNNAMED = ClassNames({}, default=UNNAMED_CLASS)
 
 
 @dataclasses.dataclass(frozen=True)

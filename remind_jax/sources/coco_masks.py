@@ -34,7 +34,7 @@ from remind_jax.formats.coco import (
 )
 from remind_jax.frame import NO_INSTANCE, Detections, fill_boxes
 from remind_jax.masks.run_length import decode_mask
-from remind_jax.sources.class_names import ANY_CLASS
+from remind_jax.sources.class_names import UNNAMED_CLASS
 from remind_jax.sources.file_tree import last_number
 from remind_jax.sources.label_maps import fit_plane
 from remind_jax.sources.source import Entry, Reader
@@ -200,7 +200,7 @@ class CocoMasks:
     def _label(self, row: Detection) -> str:
         if row.label is None and row.category_id is not None:
             return self._categories.get(row.category_id, str(row.category_id))
-        return row.label or ANY_CLASS
+        return row.label or UNNAMED_CLASS
 
     def _tell(self) -> None:
         left_out = ""

@@ -15,7 +15,7 @@ from remind_jax.files.host_array import host_array
 from remind_jax.formats.coco import decode_segmentation
 from remind_jax.frame import Detections, as_masks, check_size, fill_boxes
 from remind_jax.masks.letterbox import Letterbox
-from remind_jax.sources.class_names import ANY_CLASS
+from remind_jax.sources.class_names import UNNAMED_CLASS
 from remind_jax.sources.label_maps import fit_plane, instance_ids_in, masks_of
 from remind_jax.sources.source import say_size
 
@@ -258,7 +258,7 @@ def _from_array(
     if array.ndim == 2 and array.dtype.kind in "ui":
         ids = instance_ids_in(array)
         planes = _fit_masks(masks_of(array, ids), frame_size)
-        labels = name_classes(ids, class_names) if class_names else [ANY_CLASS] * len(ids)
+        labels = name_classes(ids, class_names) if class_names else [UNNAMED_CLASS] * len(ids)
         return Detections.create(planes, labels, instance_ids=ids)
     return Detections.create(_as_planes(array, frame_size))
 

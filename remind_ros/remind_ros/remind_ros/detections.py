@@ -10,7 +10,7 @@ from jaxtyping import Bool, Int
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, fill_boxes
-from remind_jax.sources.class_names import ANY_CLASS
+from remind_jax.sources.class_names import UNNAMED_CLASS
 
 
 def read_detections(
@@ -43,7 +43,7 @@ def read_detections(
         raise SourceError("an image came with neither an instance map nor detections")
     if boxes is None:
         numbers = np.unique(instance_map[instance_map != 0])  # pyright: ignore[reportOptionalSubscript]
-        labels = [class_names.get(ANY_CLASS, ANY_CLASS)] * len(numbers)
+        labels = [class_names.get(UNNAMED_CLASS, UNNAMED_CLASS)] * len(numbers)
         return Detections.create(instance_map == numbers[:, None, None], labels)
     seen = list(boxes.detections)
     if instance_map is not None:
@@ -60,8 +60,8 @@ def read_detections(
 def _best_hypothesis(detection: Any) -> tuple[str, float]:
     """Class id and score of the likeliest hypothesis."""
     rated = [(str(r.hypothesis.class_id), float(r.hypothesis.score)) for r in detection.results]
-    class_id, score = max(rated, key=lambda one: one[1], default=(ANY_CLASS, 1.0))
-    return class_id or ANY_CLASS, score if np.isfinite(score) else 0.0
+    class_id, score = max(rated, key=lambda one: one[1], default=(UNNAMED_CLASS, 1.0))
+    return class_id or UNNAMED_CLASS, score if np.isfinite(score) else 0.0
 
 
 def _fill(box: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
