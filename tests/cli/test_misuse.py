@@ -66,7 +66,7 @@ WRONG_USAGE = {
     f"{RUN} --record out": "--record and --out are the same folder; give",
     f"{RUN} --delay -1": "--delay is -1; give a whole number from 0",
     "eval notes.txt notes.txt --resamples -3": "--resamples is -3; give a whole number from 0",
-    "eval notes.txt notes.txt --num-frames 0": "--num-frames is 0; give 1",
+    "eval notes.txt notes.txt --num-frames 0": "--num-frames is 0; give a whole number from 1",
     "benchmark scene --iou 0.4": "--iou is for a detector",
     f"{SWEEP} --random 0": "--random is 0",
     f"{SWEEP} --batch 0": "--batch is 0",
