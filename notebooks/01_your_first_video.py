@@ -102,7 +102,9 @@ show(tile([tour.frames[i].image for i in SHOWN]), 800)
 # which takes about ten seconds the first time on a machine; every further frame takes milliseconds.
 
 # %%
-result = rj.run(tour.frames, out=work / "tour", name="tour", image_fps=options.fps)
+result = rj.run(
+    tour.frames, out=work / "tour", name="tour", image_fps=options.fps, overwrite=True
+)
 
 summary = result.summary()
 print(
@@ -253,7 +255,7 @@ for low, high in ((0.0, 0.75), (0.75, 1.01)):
 # same identities as in one piece.
 
 # %%
-rj.run(tour.frames[:35], out=work / "morning", overlay=False)
+rj.run(tour.frames[:35], out=work / "morning", overlay=False, overwrite=True)
 evening = rj.run(tour.frames[35:], memory=work / "morning" / "memory.safetensors")
 
 same = all(

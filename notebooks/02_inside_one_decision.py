@@ -186,7 +186,7 @@ plt.show()
 
 # %%
 earlier = tour.frames[: explanation.frame]
-rj.run(earlier, config=config, trace=True, out=work / "before", overlay=False)
+rj.run(earlier, config=config, trace=True, out=work / "before", overlay=False, overwrite=True)
 tracker = rj.Tracker("remind")
 tracker.load(work / "before" / "memory.safetensors")
 memory = jax.device_get(tracker.state)

@@ -56,7 +56,7 @@ for seed in (4, 7):
         lookalikes=(LookalikeGroup("mug", 3, "glaze"), LookalikeGroup("box", 2, "identical")),
     )  # fmt: skip
     write_davis(make_scene(options), root)
-    shutil.move(root / "metadata.json", root / "Annotations" / options.name)
+    shutil.move(root / "metadata.json", root / "Annotations" / options.name / "metadata.json")
     scenes.append(options.name)
 print(sorted(str(path.relative_to(root)) for path in root.glob("*/*")))
 

@@ -219,6 +219,8 @@ def test_wrong_names_are_refused(counter):
             register_method(taken)
     with pytest.raises(ConfigError, match="has a name"):
         register_method(dataclasses.replace(counter, name=""))
+    with pytest.raises(ConfigError, match="'zz' are of type dict; give a dataclass"):
+        register_method(dataclasses.replace(counter, name="zz", settings=dict))
     again = dataclasses.replace(counter)
     register_method(again)  # a notebook cell that is run twice
     assert get_method("counter") is again

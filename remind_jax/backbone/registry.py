@@ -283,7 +283,13 @@ def get_backbone(name: str | Backbone = DEFAULT_BACKBONE, **options: Any) -> Bac
         factory = _import(factory)
     targets = (target,) if colon else ()
     _check_call(family, factory, targets, options)
-    return factory(*targets, **options)
+    made = factory(*targets, **options)
+    if not isinstance(made, Backbone):
+        raise ConfigError(
+            f"the factory of backbone '{name}' returns {type(made).__name__}; it must return a "
+            "Backbone"
+        )
+    return made
 
 
 def _import(place: str) -> Callable[..., Any]:

@@ -18,6 +18,7 @@ from remind_jax.printing.terminal import (
     output_width,
     wide_console,
 )
+from remind_jax.printing.words import plural
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -133,7 +134,7 @@ class ComparisonTable(Printable):
     def _summarize(self) -> SmallTable:
         columns = self.resolved_columns
         return SmallTable(
-            self.title or f"comparison of {len(self.rows)} rows",
+            self.title or f"comparison of {plural(len(self.rows), 'row')}",
             heads=("", *(column.heading for column in columns)),
             rows=[(row.name, *(row.format(column)[0] for column in columns)) for row in self.rows],
         )

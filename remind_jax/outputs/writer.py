@@ -304,9 +304,12 @@ def check_folder(folder: Path, overwrite: bool, resume: bool = False) -> None:
     if not present or overwrite:
         return
     if not resume:
-        hint = "choose another one or allow overwriting (--overwrite)"
+        hint = "choose another one, or overwrite it (overwrite=True, --overwrite)"
         if CHECKPOINT_NAME in present:
-            hint = "go on with the run in it (--resume), or start it anew (--overwrite)"
+            hint = (
+                "go on with the run in it (resume=True, --resume), or start it anew "
+                "(overwrite=True, --overwrite)"
+            )
         raise OutputError(
             f"the output folder '{folder}' is not empty (it holds '{min(present)}'); {hint}"
         )

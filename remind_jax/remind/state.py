@@ -54,6 +54,16 @@ class TrackerState:
     decisions: Decisions
     overflow: Overflow
 
+    @property
+    def appearance(self) -> Bank:
+        """The banks of the appearance channels, leading axes `[2 A O+P]`."""
+        return jax.tree.map(lambda leaf: leaf[:, :NUM_APPEARANCE_CHANNELS], self.wholes)
+
+    @property
+    def rings(self) -> Bank:
+        """The banks of the rings, leading axes `[2 R O+P]`."""
+        return jax.tree.map(lambda leaf: leaf[:, NUM_APPEARANCE_CHANNELS:], self.wholes)
+
 
 def init(static: Static) -> TrackerState:
     """The empty memory with the capacities of `static`.

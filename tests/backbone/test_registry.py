@@ -63,6 +63,9 @@ def test_text_after_the_colon_is_handed_to_the_factory():
     assert opened == [("C:/dir/encoder.onnx", 2)]
     with pytest.raises(ConfigError, match="path"):
         registry.get_backbone("onnx-like")
+    registry.register("forgetful", lambda: None)
+    with pytest.raises(ConfigError, match="'forgetful' returns NoneType"):
+        registry.get_backbone("forgetful")
 
 
 @pytest.mark.usefixtures("names")
