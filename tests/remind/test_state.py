@@ -60,10 +60,7 @@ def test_no_two_leaves_share_a_buffer(make):
 def test_banks_are_read_by_kind():
     """As notebook 02 shows them."""
     state = fill(init(STATIC))
-    for joined, both in zip(
-        *map(jax.tree.leaves, (state.wholes, (state.appearance, state.rings))), strict=False
-    ):
-        np.testing.assert_array_equal(joined[:, : both.shape[1]], both)
-    sizes = state.appearance.size.shape[1], state.rings.size.shape[1]
-    assert sum(sizes) == state.wholes.size.shape[1]
-    np.testing.assert_array_equal(state.wholes.size[:, sizes[0] :], state.rings.size)
+    num, kinds = state.appearance.size.shape[1], (state.wholes, state.appearance, state.rings)
+    for both, appearance, rings in zip(*map(jax.tree.leaves, kinds), strict=True):
+        np.testing.assert_array_equal(both[:, :num], appearance)
+        np.testing.assert_array_equal(both[:, num:], rings)
