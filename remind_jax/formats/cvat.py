@@ -49,6 +49,7 @@ class _Box(_Shape, frozen=True, kw_only=True):
     ytl: _Coordinate
     xbr: _Coordinate
     ybr: _Coordinate
+    rotation: float = 0.0  # in degrees
 
 
 class _Mask(_Shape, frozen=True, kw_only=True):  # read and written
@@ -104,6 +105,9 @@ def read_cvat(path: str | Path) -> TrackRows:
     path = Path(path)
     with files.reading(path):
         root = _parse(path)
+        tasks = {track.get("task_id") for track in root.iter("track")}
+        if len(tasks) > 1 or len(root.findall("./meta/project//task")) > 1:
+            raise ValueError("it is of a project with several tasks; export every task by itself")
         size = _frame_size(root)
         stated = msgspec.convert(root.findtext(".//meta//size") or "0", Count, strict=False)
         tracks = [_read_track(track, size, path) for track in root.iter("track")]
@@ -180,6 +184,8 @@ def _see(shape: Any, size: _Size | None) -> _Sight:
     if isinstance(shape, _Box):
         if shape.xbr < shape.xtl or shape.ybr < shape.ytl:
             raise ValueError("its right or lower edge comes first")
+        if shape.rotation:
+            raise ValueError(f"it is turned by {shape.rotation:g} degrees; make it a polygon")
         return _Sight(shape.frame, box=(shape.xtl, shape.ytl, shape.xbr, shape.ybr))
     if size is None:
         raise ValueError("the file has no original_size; add it to its meta")

@@ -37,6 +37,8 @@ _MAX_WHOLE = 2.0**53
 def recognize_format(*paths: str | Path) -> FileFormat:
     """Tells MOTChallenge text from MOTS text by the first row of the first file that has one.
 
+    MOTS counts from 0 where any file has a frame 0, as others may begin without an object.
+
     Raises:
       SourceError: If that row fits neither.
     """
@@ -46,8 +48,8 @@ def recognize_format(*paths: str | Path) -> FileFormat:
         if first is None:
             continue
         if "," not in first and len(first.split()) == 6:
-            starts_at_zero = any(line.split(" ", 1)[0] == "0" for line in lines)
-            return "kitti-mots" if starts_at_zero else "mots"
+            frames = (row.split(" ", 1)[0] for one in paths for row in _read_text(one).splitlines())
+            return "kitti-mots" if "0" in frames else "mots"
         if len(first.split("," if "," in first else None)) < 6:
             raise SourceError(
                 f"{path} is neither MOTChallenge text (frame,id,left,top,width,height,...) "

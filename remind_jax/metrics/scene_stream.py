@@ -130,7 +130,8 @@ def open_stream(
         truth = _open_truth(truth, prediction, format, truth_format)
     like: Any = truth.format if truth.format in TEXT_FORMATS else None
     predictions = open_scenes(prediction, format, truth=truth, like=like)
-    if {truth.format, predictions.format} == {"mots", "kitti-mots"} and format != truth_format:
+    mixed = {truth.format, predictions.format} == {"mots", "kitti-mots"}
+    if mixed and None in (format, truth_format):
         # One side has a frame 0, so both count from 0: the other begins without any object.
         truth = open_scenes(truth.path, truth_format or "kitti-mots")
         predictions = open_scenes(prediction, format or "kitti-mots", truth=truth)

@@ -90,6 +90,9 @@ def test_what_cannot_be_is_refused(tmp_path):
         (mask(0, "0, 6"), {"head": HEAD.replace(">10<", ">0<")}),
         (one, {"head": "<!DOCTYPE a><annotations>"}),
         ("</track>", {}),
+        (one.replace("/>", ' rotation="45.00"/>'), {}),
+        (one, {"head": "<annotations><meta><project><task/><task/></project></meta>"}),
+        (f'{one}</track><track id="5" label="mug" task_id="2">{one}', {}),
     ):
         with pytest.raises(SourceError, match=r"a\.xml"):
             read_cvat(write(tmp_path / "a.xml", shapes, **options))

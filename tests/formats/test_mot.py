@@ -92,7 +92,7 @@ def test_formats_are_recognized(tmp_path: Path):
     kitti = write(tmp_path / "kitti.txt", mots_line(0, 1, 2, slice(0, 1)))
     assert recognize_format(mot, empty) == "mot"
     assert recognize_format(empty, mots) == "mots"
-    assert recognize_format(kitti, mots) == "kitti-mots"
+    assert recognize_format(kitti, mots) == recognize_format(mots, kitti) == "kitti-mots"
     assert recognize_format(empty, empty) == "mot"
     with pytest.raises(SourceError, match="neither MOTChallenge text"):
         recognize_format(write(tmp_path / "x.txt", "hello"))

@@ -63,6 +63,15 @@ def test_every_mixture_scores_alike(tmp_path: Path, truth: str, prediction: str)
     assert not evaluation.failed
 
 
+def test_kitti_mots_that_begins_without_objects_counts_from_zero(tmp_path: Path):
+    whole = made.write_texts(tmp_path / "a", {"s": made.mots_text(TRUTH["one"], 0)})
+    rows = made.mots_text(TRUTH["one"], 0).splitlines()
+    late = [row for row in rows if not row.startswith("0 ")]
+    later = made.write_texts(tmp_path / "b", {"s": "\n".join(late)})
+    for truth, prediction in ((whole, later), (later, whole)):
+        assert evaluate(truth, prediction).scores()["IDTP"] == len(late)
+
+
 def test_truth_beside_detections_that_are_input_is_no_run(tmp_path: Path):
     truth = made.write_davis(tmp_path / "truth", TRUTH)
     (truth / "detections.jsonl").write_text('{"frame": 0, "detections": []}\n')
