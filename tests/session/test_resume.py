@@ -181,7 +181,7 @@ def test_folders_without_a_run_are_refused(tmp_path, whole):
 
 def test_a_folder_with_a_run_says_how_to_go_on(tmp_path):
     break_off(tmp_path / "run", 4)
-    with pytest.raises(OutputError, match=r"go on with the run in it \(--resume\)"):
+    with pytest.raises(OutputError, match=r"go on with the run in it \(resume=True, --resume\)"):
         track(tmp_path / "run")
     assert track(tmp_path / "run", overwrite=True).complete
 
