@@ -5,7 +5,7 @@ from remind_jax.cli import main as main_module
 from remind_jax.cli import process as exit_codes
 from remind_jax.cli.main import VERBS, main
 from remind_jax.errors import SourceError
-from tests.cli.test_streams import run_python
+from tests.cli.test_streams import REMIND, run, run_python
 
 HEAVY = ("jax", "torch", "matplotlib", "onnxruntime", "pandas", "supervision")
 
@@ -51,6 +51,14 @@ def test_errors_become_one_sentence_and_notes(monkeypatch, capfd):
         monkeypatch.setattr(main_module, "_parse", raising(raised))
         assert main(["run"]) == code
         assert capfd.readouterr().err == told
+
+
+def test_real_process_says_one_sentence(tmp_path):
+    finished = run([*REMIND, "run", "missing.mp4"], cwd=tmp_path)
+    assert finished.returncode == exit_codes.ERROR
+    assert finished.stdout == ""
+    assert finished.stderr == "remind: 'missing.mp4' does not exist\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_defect_of_ours_ends_in_one_sentence_and_a_file(monkeypatch, capfd, tmp_path):

@@ -27,7 +27,7 @@ def find_ambiguous(table: PairTable, slot: Int[Array, "N"], creates: Bool[Array,
     Args:
       slot: Matched object of each detection, -1 none.
     """
-    t, width = table.rules.ambiguous, table.plausible.shape[1]
+    t, width = table.thresholds.ambiguous, table.plausible.shape[1]
     matched = slot >= 0
     mine = slot[:, None] == jnp.arange(width)
     held = jnp.any(mine, axis=0)

@@ -62,7 +62,7 @@ def find_competitions(
       The entries, and the id of the object that a detection founds, -1 none
       (method.md#provisional-commit).
     """
-    (num, width), t = table.pairs.eligible.shape, table.rules.competition
+    (num, width), t = table.pairs.eligible.shape, table.thresholds.competition
     known = table.pairs.score_known
     holds = slot[:, None] == jnp.arange(width)
     held = jnp.any(holds, axis=0)

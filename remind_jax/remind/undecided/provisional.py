@@ -57,7 +57,7 @@ def no_doubts(entries: Undecided) -> Doubts:
 
 def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Array, "O"]) -> Doubts:
     """Asks of every detection that would found an object whether it could be a known one."""
-    t, rules = table.rules.provisional, table.rules
+    t, thresholds = table.thresholds.provisional, table.thresholds
     candidate, plausible = table.comparison.candidate, table.plausible
     visual = table.comparison.score
     supported = table.supported
@@ -75,7 +75,7 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
     first, first_score, raw_top = slots[0], tops[0], slots[2]
     hint, hint_score = slots[4], tops[4]
     blocked_ok = some & held[first] & (first_score >= t.min_top)
-    near_miss = _is_near_miss(visual, plausible, candidate, tops[3:], seconds[3:], rules)
+    near_miss = _is_near_miss(visual, plausible, candidate, tops[3:], seconds[3:], thresholds)
     near_miss = near_miss & (~t.visual_single_only | (num_candidates == 1))
     near_miss = near_miss & t.visual_fallback & (~some | ~t.visual_only_without_context)
     admitted = admit_by_status(status, t.from_strong, t.from_ambiguous, t.from_weak)
@@ -96,7 +96,7 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
     hinted = lacks & ~blocked_ok & near_miss
     known, known_score = _fill(known, known_score, hinted, hint, hint_score)
     by_hint = hinted  # the visual hint alone speaks for it
-    known, known_score = _promote(known, known_score, score, supported, held, rules)
+    known, known_score = _promote(known, known_score, score, supported, held, thresholds)
 
     blocked = (known != NO_SLOT) & held[jnp.maximum(known, 0)]
     count, num_blocked = reduce_together(("sum", known != NO_SLOT), ("sum", blocked), axis=1)
@@ -113,7 +113,7 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
     reason = jnp.where(count > 0, Reason.UNCERTAIN_NEW_WITH_KNOWN_CONTEXT, Reason.UNCERTAIN_NEW)
     reason = jnp.where(some_blocked, Reason.UNCERTAIN_KNOWN_BLOCKED, reason)
     reason = jnp.where(is_parent, Reason.UNCERTAIN_PARENT, reason)
-    most = rules.ambiguous.max_candidates
+    most = thresholds.ambiguous.max_candidates
     ambiguous = _as_entries(known, known_score, blocked, is_ambiguous, best, most)
     return Doubts(
         ambiguous=ambiguous,
@@ -132,17 +132,17 @@ def _is_near_miss(
     candidate: Bool[Array, "N O"],
     tops: Float[Array, "2 N"],
     seconds: Float[Array, "2 N"],
-    rules: Thresholds,
+    thresholds: Thresholds,
 ) -> Bool[Array, "N"]:
     """A clear visual winner that just missed the match threshold (method.md#near-miss).
 
     `tops` and `seconds` are the two best visual scores of plausible ones and of all candidates.
     """
-    t, match = rules.provisional, rules.matching.match
+    t, match = thresholds.provisional, thresholds.matching.match
     some = tops[0] > 0
     top, second = jnp.where(some, tops[0], tops[1]), jnp.where(some, seconds[0], seconds[1])
     among = jnp.where(some[:, None], plausible, candidate)
-    near = among & (visual >= (top - jnp.maximum(0.0, rules.diagnosis.close))[:, None])
+    near = among & (visual >= (top - jnp.maximum(0.0, thresholds.diagnosis.close))[:, None])
     lack = match - top
     ok = (top >= t.visual_min_score) & (match > 0)
     ok = ok & (lack >= 0) & (lack <= t.visual_margin) & (top - second >= t.visual_min_gap)
@@ -168,13 +168,13 @@ def _promote(
     score: Float[Array, "N O"],
     supported: Bool[Array, "N O"],
     held: Bool[Array, "O"],
-    rules: Thresholds,
+    thresholds: Thresholds,
 ) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
     """Beside a lone support that is taken, names further supported objects.
 
     Rule: method.md#provisional.
     """
-    t, min_visual = rules.provisional, rules.matching.min_visual
+    t, min_visual = thresholds.provisional, thresholds.matching.min_visual
     named = known != NO_SLOT
     count, taken = reduce_together(
         ("sum", named), ("any", named & held[jnp.maximum(known, 0)]), axis=1

@@ -86,7 +86,7 @@ def settle(
     undecided = open_.entries.present | open_.doubts.present
     second = withdraw_second_claims(
         table, jnp.where(undecided, NO_SLOT, open_.slot), open_.score,
-        table.rules.matching.one_detection_each, table.rules.ambiguous.max_candidates,
+        table.thresholds.matching.one_detection_each, table.thresholds.ambiguous.max_candidates,
     )  # fmt: skip
     entries = prefer(open_.entries, second)
     undecided = undecided | second.present
@@ -144,7 +144,7 @@ def _reconcile(
         relations,
         distances,
         static,
-        table.rules.known_sets,
+        table.thresholds.known_sets,
     )
     found = settled.resolved_slot >= 0
     late = MatchOrigin.DISTANCE_FULL_POSTCREATE - MatchOrigin.DISTANCE_FULL

@@ -59,7 +59,7 @@ class _Components:
 
 def stabilize(table: PairTable, slot: Int[Array, "N"]) -> Stabilized:
     """Withdraws matches that a slightly different score would have swapped."""
-    t = table.rules.stability
+    t = table.thresholds.stability
     parts = _find_components(table, slot)
     contested = parts.contested & t.enabled
     (first, second), close = _compare_assignments(table, parts, slot, t)
@@ -99,8 +99,8 @@ def doubt_entries(table: PairTable, stabilized: Stabilized) -> Undecided:
     """
     members = stabilized.rivals & table.plausible & stabilized.doubtful[:, None]
     score = temporal_score(table, members)
-    members = members & (score >= table.rules.matching.min_visual)
-    most = table.rules.ambiguous.max_candidates
+    members = members & (score >= table.thresholds.matching.min_visual)
+    most = table.thresholds.ambiguous.max_candidates
     slots, scores = rank(score, members, most, later_first=True)
     return Undecided(
         present=jnp.sum(members, axis=1) >= 2,

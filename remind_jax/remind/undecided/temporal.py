@@ -34,7 +34,7 @@ class PairTable:
     comparison: Comparison
     pairs: Pairs
     reasoning: Reasoning
-    rules: Thresholds
+    thresholds: Thresholds
     temporal: Float[Array, "3 N O"]  # T among all PLAUSIBLE candidates, CANDIDATES, SUPPORTED ones
 
     @property
@@ -49,11 +49,11 @@ class PairTable:
 
 
 def tabulate_pairs(
-    comparison: Comparison, pairs: Pairs, reasoning: Reasoning, rules: Thresholds
+    comparison: Comparison, pairs: Pairs, reasoning: Reasoning, thresholds: Thresholds
 ) -> PairTable:
     """The table of a frame, with T among the sets of candidates that several rules ask about."""
     nothing = jnp.zeros((3, *comparison.score.shape), comparison.score.dtype)
-    table = PairTable(comparison, pairs, reasoning, rules, nothing)
+    table = PairTable(comparison, pairs, reasoning, thresholds, nothing)
     sets = jnp.stack([table.plausible, comparison.candidate, table.supported])
     among = jax.vmap(lambda members: temporal_score(table, members))(sets)
     return dataclasses.replace(table, temporal=among)
@@ -71,10 +71,10 @@ def prefer(first: Undecided, second: Undecided) -> Undecided:
 
 def temporal_score(table: PairTable, members: Bool[Array, "N O"]) -> Float[Array, "N O"]:
     """T: the final score, or the score comparable within a set of candidates and its context."""
-    comparable = comparable_score(table.comparison, members, table.rules.similarity)
+    comparable = comparable_score(table.comparison, members, table.thresholds.similarity)
     bonus = table.reasoning.influence.bonus_raw
     known = jnp.maximum(table.pairs.score_final, comparable + bonus[None])
-    return jnp.where(table.rules.ambiguous.known_set_score, known, table.pairs.score_final)
+    return jnp.where(table.thresholds.ambiguous.known_set_score, known, table.pairs.score_final)
 
 
 def is_close(
