@@ -7,6 +7,7 @@ the mean of its pixels' bin shares.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -37,20 +38,27 @@ def halve(image: UInt8[Array, "H W C"]) -> Float[Array, "C H/2 W/2"]:
 def cell_mean(values: Float[Array, "*C H W"]) -> Float[Array, "*C Hc Wc"]:
     """Mean over each cell."""
     *leading, height, width = values.shape
-    # Written out: the compiler makes no vector instructions of a sum over such an axis.
-    rows = values.reshape(*leading, height // CELL_PX, CELL_PX, width)
-    columns = jnp.asarray(sum(rows[..., i, :] for i in range(CELL_PX)))
-    columns = columns.reshape(*leading, height // CELL_PX, width // CELL_PX, CELL_PX)
-    return jnp.asarray(sum(columns[..., i] for i in range(CELL_PX))) / CELL_PX**2
+    # A sum written out, then a product: of sums over such axes the compiler makes no vector
+    # instructions.
+    pixels = values.reshape(*leading, height // CELL_PX, CELL_PX, width)
+    rows = jnp.asarray(sum(pixels[..., i, :] for i in range(CELL_PX)))
+    share = np.repeat(np.eye(width // CELL_PX, dtype=np.float32), CELL_PX, axis=0) / CELL_PX**2
+    return jnp.matmul(rows, share, precision="highest")
 
 
 def window_mean(cells: Float[Array, "*C Hc Wc"], radius: int) -> Float[Array, "*C Hc Wc"]:
     """Mean over `2 radius + 1` cells in both directions; cells outside the image are left out."""
-    window = (1,) * (cells.ndim - 2) + (2 * radius + 1,) * 2
-    ones = jnp.ones_like(cells, shape=cells.shape[-2:])
-    total = jax.lax.reduce_window(cells, 0.0, jax.lax.add, window, (1,) * cells.ndim, "SAME")
-    count = jax.lax.reduce_window(ones, 0.0, jax.lax.add, window[-2:], (1, 1), "SAME")
-    return total / count
+    height, width = cells.shape[-2:]
+    places = list(itertools.product(range(2 * radius + 1), repeat=2))
+
+    def window_sum(of: Array) -> Array:
+        margins = ((0, 0),) * (of.ndim - 2) + ((radius, radius),) * 2
+        padded = jnp.pad(of, margins)
+        # Written out, like the sums of cells.
+        parts = (padded[..., top : top + height, left : left + width] for top, left in places)
+        return jnp.asarray(sum(parts))
+
+    return window_sum(cells) / window_sum(jnp.ones((height, width), cells.dtype))
 
 
 def spread(cells: Float[Array, "*C Hc Wc"]) -> Float[Array, "*C H W"]:
@@ -88,12 +96,13 @@ def measure_tiles(
     rows, columns = needed.shape
     below, right = -rows % height, -columns % width  # what the last tiles reach beyond the frame
 
-    def fill(plane: Array, scale: int) -> Array:
-        beyond = ((0, scale * below), (0, scale * right))
-        return jnp.pad(plane, ((0, 0),) * (plane.ndim - 2) + beyond)
-
     if below or right:
-        planes, needed = jax.tree.map(lambda one: fill(one, CELL_PX), planes), fill(needed, 1)
+        # Of their last pixels: what is no number in a tile would reach all of it.
+        beyond = ((0, CELL_PX * below), (0, CELL_PX * right))
+        planes = jax.tree.map(
+            lambda plane: jnp.pad(plane, ((0, 0),) * (plane.ndim - 2) + beyond, "edge"), planes
+        )
+        needed = jnp.pad(needed, ((0, below), (0, right)))
     down, across = needed.shape[0] // height, needed.shape[1] // width
     is_needed = jnp.any(needed.reshape(down, height, across, width), axis=(1, 3)).ravel()
     numbers = jnp.argsort(~is_needed, stable=True)  # those that are needed first

@@ -112,7 +112,8 @@ OUTSIDE_WEIGHT = 0.02  # of a patch that the object does not touch, beside one t
 class PixelPlanes:
     """What histograms are made of, pixel by pixel at half resolution."""
 
-    chroma: Float[Array, "2 H W"]
+    hue: Float[Array, "H W"]  # in turns
+    saturation: Float[Array, "H W"]
     chroma_above: Float[Array, "2 H W"]  # the surroundings
     luminance_above: Float[Array, "H W"]
     contrast: Float[Array, "H W"]
@@ -250,7 +251,8 @@ def _pixel_planes(image: UInt8[Array, "H W 3"]) -> PixelPlanes:
     variance = cell_mean((smoothed[0] - spread(cell_mean(smoothed[0]))) ** 2)
     margin = (NEIGHBOR_PX, NEIGHBOR_PX)
     return PixelPlanes(
-        chroma=chroma,
+        hue=angle(chroma[1], chroma[0]),
+        saturation=jnp.log1p(8 * jnp.sqrt(jnp.sum(chroma**2, axis=0))),
         chroma_above=above_surround(chroma, SURROUND_RADIUS),
         luminance_above=above_surround(luminance, SURROUND_RADIUS),
         contrast=spread(jnp.sqrt(window_mean(variance, 1) + 0.02**2)),
@@ -262,7 +264,7 @@ def _histograms(planes: PixelPlanes) -> Float[Array, "K h w"]:
     """Those of all quantities over the patches of a tile."""
     red_green, blue_yellow = planes.chroma_above
     histograms = {
-        "hue_saturation": _hue_saturation_histogram(planes.chroma),
+        "hue_saturation": _hue_saturation_histogram(planes.hue, planes.saturation),
         "surround_chroma": joint_histogram(
             soft_bins(red_green, -RED_GREEN_MAX, RED_GREEN_MAX, NUM_CHROMA),
             soft_bins(blue_yellow, -BLUE_YELLOW_MAX, BLUE_YELLOW_MAX, NUM_CHROMA),
@@ -276,12 +278,12 @@ def _histograms(planes: PixelPlanes) -> Float[Array, "K h w"]:
     return jnp.concatenate([histograms[quantity] for quantity in bins_of()])
 
 
-def _hue_saturation_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K Hp Wp"]:
+def _hue_saturation_histogram(
+    hue: Float[Array, "H W"], saturation: Float[Array, "H W"]
+) -> Float[Array, "K Hp Wp"]:
     """Hue by saturation; the least saturated bin has no hue, for the hue of gray is noise."""
-    turns = angle(chroma[1], chroma[0])
-    saturation = jnp.log1p(8 * jnp.hypot(chroma[0], chroma[1]))
     shares = soft_bins(saturation, 0.0, SATURATION_MAX, NUM_SATURATIONS)
-    colored = joint_histogram(soft_bins_periodic(turns, NUM_HUES), shares[1:])
+    colored = joint_histogram(soft_bins_periodic(hue, NUM_HUES), shares[1:])
     return jnp.concatenate([cell_mean(shares[:1]), colored])
 
 

@@ -35,7 +35,7 @@ OPTIONS: dict[str, dict[Kind, dict[str, Any]]] = {
             # the same in all turns of a loop stays part of what reads it.
             "xla_disable_hlo_passes": "tree_reduction_rewriter,while-loop-invariant-code-motion",
         },
-        "features": _LEVEL,
+        "features": {**_LEVEL, **_NO_LIBRARIES},
         "network": _NO_LIBRARIES,
     },
     # Products of a step are few and small: to time kernels for each takes most of the compilation.
