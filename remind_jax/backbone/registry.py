@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.errors import ConfigError, SourceError, nearest_names
+from remind_jax.settings.ranges import check_option
 
 if TYPE_CHECKING:
     import jax
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from remind_jax.backbone.vit_attention import ObjectAttention
 
 DEFAULT_BACKBONE = "patch-statistics"
+
+_MAX_NUMBERS = 1 << 16  # pixels of a patch, and numbers that describe one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,6 +53,10 @@ class Backbone:
     # `num_background` channels, of its background. Left out, such pictures are read as frames are.
     apply_closeups: Callable[[Any, Any, Any], Any] | None = None
     num_background: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("patch_px", "dim"):
+            check_option(name, getattr(self, name), 1, _MAX_NUMBERS)
 
     @property
     def identity(self) -> tuple[str, str]:

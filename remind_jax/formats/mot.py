@@ -265,15 +265,18 @@ def mot_lines(tracks: Iterable[Tracks]) -> list[str]:
     """MOTChallenge results: `frame,id,left,top,width,height,confidence,-1,-1,-1`.
 
     Ids, and frames as the source counts them, start at 1. Class and visibility are -1, as the
-    challenge asks of results; classes are in `tracks.csv`.
+    challenge asks of results; classes are in `tracks.csv`. Where the tracker rates nothing, as the
+    paper's does not rate new objects, the confidence is 1: 0 would be what scorers leave out.
     """
     lines = []
     for frame in tracks:
         for row in firm_rows(frame):
             left, top, right, bottom = frame.boxes[row]
+            rated = frame.shown_confidence(row)
+            confidence = 1.0 if rated is None else rated
             lines.append(
                 f"{frame.source_index + 1},{frame.object_id[row] + 1},{left:.2f},{top:.2f},"
-                f"{right - left:.2f},{bottom - top:.2f},{frame.confidence[row]:.4f},-1,-1,-1"
+                f"{right - left:.2f},{bottom - top:.2f},{confidence:.4f},-1,-1,-1"
             )
     return lines
 

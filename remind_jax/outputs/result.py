@@ -142,7 +142,9 @@ class Result(Printable):
         from remind_jax.outputs import tables
 
         rows = [row for tracks in self.tracks for row in tables.detection_rows(tracks)]
-        return pd.DataFrame(rows, columns=list(tables.CSV_COLUMNS))
+        table = pd.DataFrame(rows, columns=list(tables.CSV_COLUMNS))
+        # Empty in a whole run, these would be objects.
+        return table.astype(dict.fromkeys(("score", "confidence", "detector_score"), float))
 
     def to_supervision(self, t: int) -> sv.Detections:
         """The detections of the `t`-th processed frame for the `supervision` library.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from remind_jax.backbone import registry
-from remind_jax.errors import ConfigError, SourceError
+from remind_jax.errors import ConfigError, OptionError, SourceError
 
 
 @pytest.fixture
@@ -66,6 +66,9 @@ def test_text_after_the_colon_is_handed_to_the_factory():
     registry.register("forgetful", lambda: None)
     with pytest.raises(ConfigError, match="'forgetful' returns NoneType"):
         registry.get_backbone("forgetful")
+    for sides in ({"patch_px": 0, "dim": 8}, {"patch_px": 16, "dim": 0}):
+        with pytest.raises(OptionError, match="is 0; give a whole number from 1"):
+            registry.Backbone("flat", apply=np.asarray, **sides)
 
 
 @pytest.mark.usefixtures("names")

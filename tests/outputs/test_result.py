@@ -158,6 +158,8 @@ def test_dataframe_has_a_row_per_detection():
     assert len(frame) == sum(len(tracks) for tracks in result.tracks)
     assert set(frame.loc[frame.object_id == 1, "label"]) == {"cup"}
     assert (frame.outcome == "ambiguous").sum() == 3
+    empty = Result(result.tracks[:0], result.info).to_dataframe()
+    assert frame.dtypes[["score", "confidence"]].equals(empty.dtypes[["score", "confidence"]])
 
 
 def test_supervision_gets_a_frame_with_the_classes_of_the_run():

@@ -42,11 +42,15 @@ def test_mot_counts_from_one_and_leaves_out_undecided():
     rows = [
         {"object_id": 0, "confidence": 0.75},
         {"object_id": -1, "outcome": Outcome.AMBIGUOUS, "candidates": [(0, 0.8), (1, 0.7)]},
+        {"object_id": 1, "outcome": Outcome.NEW, "score": 0.0, "confidence": 0.0},
     ]
-    tracks = make_tracks(0, squares((2, 3), (9, 9)), rows)
-    assert mot_lines([tracks]) == ["1,1,2.00,3.00,4.00,4.00,0.7500,-1,-1,-1"]
+    tracks = make_tracks(0, squares((2, 3), (9, 9), (5, 5)), rows)
+    assert mot_lines([tracks]) == [
+        "1,1,2.00,3.00,4.00,4.00,0.7500,-1,-1,-1",
+        "1,2,5.00,5.00,4.00,4.00,1.0000,-1,-1,-1",  # not rated by the paper's tracker
+    ]
     strided = dataclasses.replace(tracks, source_index=6)
-    assert [line.split(",")[0] for line in mot_lines([strided])] == ["7"]
+    assert [line.split(",")[0] for line in mot_lines([strided])] == ["7", "7"]
 
 
 def test_an_identity_given_twice_stays_with_the_better_supported():
