@@ -5,6 +5,7 @@ Letters: `T` frames, `N` detection slots.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -28,6 +29,7 @@ from remind_jax.observation import AnyFeats, Masks
 from remind_jax.session.live import Tracker
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import open_source
+from remind_jax.sources.prefetch import prefetch
 from remind_jax.sources.source import Source
 from remind_jax.static import MOST_OBJECTS, Static
 from remind_jax.sweeps.settings import stack
@@ -207,13 +209,15 @@ def _read(
     """
     feats, masks, observed, instances = [], [], [], []
     brings_features = False
-    for frame in source:
-        prepared = reader.prepare(frame)
-        brings_features = prepared.features is not None
-        feats.append(jax.device_get(reader.describe(prepared)))
-        masks.append(prepared.masks)
-        observed.append(prepared.observed)
-        instances.append(prepared.detections.instance_ids)
+    # One waits at most, whatever its size.
+    ahead = prefetch((reader.prepare(frame) for frame in source), depth=1, size_of=lambda _: 0)
+    with contextlib.closing(ahead):
+        for prepared in ahead:
+            brings_features = prepared.features is not None
+            feats.append(jax.device_get(reader.describe(prepared)))
+            masks.append(prepared.masks)
+            observed.append(prepared.observed)
+            instances.append(prepared.detections.instance_ids)
     if not masks:
         raise SourceError(f"'{source.name}' has no frames")
     return feats, masks, observed, instances, brings_features
