@@ -325,7 +325,6 @@ def check_room(method: Method, static: Static) -> None:
         )
 
 
-@functools.lru_cache(maxsize=16)
 def most_detections(method: Method, static: Static, feature_dim: int) -> int:
     """How many detections a frame may have, so that no single frame takes much memory.
 

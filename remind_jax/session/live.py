@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import threading
 import time
 from collections.abc import Iterator, Mapping
@@ -215,7 +216,7 @@ class Tracker(Printable):
         """What the decisions of the last frame were made of, on the host; None if not asked for."""
         return self._memory.trace
 
-    @property
+    @functools.cached_property
     def most_detections(self) -> int:
         """Detections that a frame may have; room for more can be chosen (`static`)."""
         return most_detections(self.method, self.config.static, self.backbone.dim)
