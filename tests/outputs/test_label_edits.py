@@ -2,6 +2,7 @@
 
 import json
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -15,6 +16,8 @@ from remind_jax.outputs.label_edits import (
     Merge,
     Move,
     apply_edits,
+    digest,
+    first_labels,
     read_edits,
 )
 from remind_jax.outputs.result import Result
@@ -94,6 +97,14 @@ def test_edits_of_another_run_are_refused(result):
     edits = Edits("remind-jax edits", 1, "attic", 5, [])
     with pytest.raises(SourceError, match=r"a run of 5 detections \('attic'\)"):
         apply_edits(result, edits, "e")
+    # The same detections, decided otherwise: ids mean others.
+    edits = made(result, Merge(77, 1))
+    own = msgspec.structs.replace(edits, labels=digest(first_labels(result.tracks)))
+    with pytest.raises(SourceError, match="there is no such detection"):
+        apply_edits(result, own, "e")
+    other = msgspec.structs.replace(edits, labels=digest([np.array([2])]))
+    with pytest.raises(SourceError, match="with other identities than this one; give the run"):
+        apply_edits(result, other, "e")
 
 
 @pytest.mark.parametrize(
