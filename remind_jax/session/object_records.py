@@ -154,9 +154,10 @@ class ObjectRecords:
                 object_id = int(tracks.object_id[row])
                 seen.setdefault(object_id, []).append(tracks.frame_index)
                 labels.setdefault(object_id, tracks.labels[row])
+        declared = {*self.given, *self.merged_into, *self.merged_into.values()}
         for object_id, record in [*self._records.items()]:
             if object_id not in seen:
-                if record.first.session == self.session:
+                if record.first.session == self.session and object_id not in declared:
                     del self._records[object_id]
                 continue
             frames = seen[object_id]

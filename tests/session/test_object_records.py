@@ -262,11 +262,14 @@ def test_what_later_frames_took_from_an_object_is_not_told_of_it():
     for number in range(2):
         records.note(seen(number, [0, 1]), None)
     records.note(dataclasses.replace(seen(2, [2]), labels=("sink",)), None)  # announced now
-    records.recount([seen(0, [0, 2]), seen(1, [0])])
+    records.note(seen(3, [3, 4]), None)
+    records.merge(4, [3])
+    records.recount([seen(0, [0, 2]), seen(1, [0]), seen(3, [3])])
     known = [
         (one.object_id, one.label, one.num_frames, one.last.frame) for one in records.objects()
     ]
-    assert known == [(0, "cup", 2, 1), (2, "cup", 1, 0)]
+    # What people declared to be one stays, whichever of the two is seen.
+    assert known == [(0, "cup", 2, 1), (2, "cup", 1, 0), (4, "cup", 1, 3)]
 
 
 def test_what_is_lost_goes_with_all_that_people_said_of_it():
