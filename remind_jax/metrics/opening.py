@@ -206,6 +206,11 @@ def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
             "number only; give truth in the JSON of the same data set"
         )
     groups = group_by_video(content, file)
+    if groups and not groups.keys() & index.videos.keys():
+        raise SourceError(
+            f"'{path}' has rows of video {next(iter(groups))!r} and the like, and none of a video "
+            f"that is named ({next(iter(index.videos))!r}, ...); give the ids of the data set"
+        )
     read = {
         video.name: functools.partial(read_video, groups.get(number, []), index, number, file)
         for number, video in index.videos.items()
