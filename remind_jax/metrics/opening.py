@@ -164,6 +164,8 @@ def _read_maps(name: str, folder: Path, is_truth: bool) -> TrackRows:
     rows = read_instance_maps(folder, name, is_truth=is_truth, void=void)
     if classes is None:
         return rows
+    if len(classes.frame_numbers) == rows.num_frames:
+        rows = dataclasses.replace(rows, source_frames=np.array(classes.frame_numbers))
     ids = np.unique(rows.track_id).tolist()
     require_classes(classes, ids, str(folder))
     names = sorted({label for i in ids if (label := classes[i]) is not None})

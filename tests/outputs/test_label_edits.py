@@ -9,6 +9,7 @@ import pytest
 from remind_jax.decision import NO_ID
 from remind_jax.errors import OutputError, SourceError
 from remind_jax.formats.instance_maps import write_instance_maps
+from remind_jax.formats.mot import mot_lines
 from remind_jax.metrics import evaluate
 from remind_jax.outputs.label_edits import (
     Assign,
@@ -144,6 +145,9 @@ def test_the_truth_scores_the_labeled_run_with_100(result, tmp_path, format):
     scores = evaluate(truth, tmp_path / "run").scores()
     names = ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery")
     assert {name: scores[name] for name in names} == dict.fromkeys(names, 1.0)
+    # Text of the same run counts the frames of the source, of which it took every second one.
+    (tmp_path / "mot.txt").write_text("\n".join(mot_lines(labeled.tracks)))
+    assert evaluate(truth, tmp_path / "mot.txt").scores()["IDF1"] == 1
     result.save(tmp_path / "unlabeled")
     assert evaluate(truth, tmp_path / "unlabeled").scores()["IDF1"] < 1
 
