@@ -68,10 +68,13 @@ class Memory:
         change = _parse(self.change)
         if self.out is not None and change is None:
             raise UsageError("--out is for a changed memory; say what to change, or leave it out")
-        from remind_jax.outputs.writer import MEMORY_NAME
+        from remind_jax.outputs.writer import CHECKPOINT_NAME, MEMORY_NAME
 
         def file_in(given: Path) -> Path:
-            return given / MEMORY_NAME if given.is_dir() else given
+            if not given.is_dir():
+                return given
+            inside, kept = given / MEMORY_NAME, given / CHECKPOINT_NAME / MEMORY_NAME
+            return inside if inside.exists() or not kept.exists() else kept  # the run was killed
 
         path = file_in(self.file)
         joined = [] if change is None or change[0] != "join" else [file_in(Path(change[2]))]
@@ -91,6 +94,12 @@ class Memory:
                 memory, line = _apply(memory, *change)
                 said = [line]
             save_memory(self.out or path, memory)
+            kept = path.parent / CHECKPOINT_NAME / MEMORY_NAME
+            if self.out is None and kept.exists():
+                said.append(
+                    f"the run is not complete, and --resume goes on from '{kept}', without this "
+                    "change; change that one too if you go on"
+                )
         objects = memory.records.objects()
         about = (
             f"{plural(len(objects), 'object')} in {plural(memory.records.session, 'session')}, "

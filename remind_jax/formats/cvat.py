@@ -8,6 +8,7 @@ shape is `outside`, nothing is there until the next one.
 from __future__ import annotations
 
 import dataclasses
+import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -110,13 +111,15 @@ def read_cvat(path: str | Path) -> TrackRows:
             raise ValueError("it is of a project with several tasks; export every task by itself")
         size = _frame_size(root)
         stated = msgspec.convert(root.findtext(".//meta//size") or "0", Count, strict=False)
+        shown = _shown_frames(root)
         tracks = [_read_track(track, size, path) for track in root.iter("track")]
     if root.find("image") is not None and not tracks:
         raise SourceError(
             f"'{path}' is of CVAT for images, which has no identities; export 'CVAT for video'"
         )
     sights = [sight for _, found in tracks for sight in found if sight != _Sight(sight.frame)]
-    num_frames = min(limits.MAX_FRAMES, max([stated, *(sight.frame + 1 for sight in sights)]))
+    if not (is_chosen := bool(shown) and all(sight.frame in shown for sight in sights)):
+        shown = range(min(limits.MAX_FRAMES, max([stated, *(one.frame + 1 for one in sights)])))
     class_names = sorted({track.label for track, _ in tracks})
     has_masks = any(sight.rle is not None for sight in sights)
     if has_masks and size is None:
@@ -126,13 +129,15 @@ def read_cvat(path: str | Path) -> TrackRows:
         class_id = class_names.index(track.label)
         for sight in _fill_gaps(found):
             rle, box = sight.rle, sight.box
-            if sight.frame >= num_frames or (rle, box) == (None, None):
+            if sight.frame not in shown or (rle, box) == (None, None):
                 continue
             if has_masks and rle is None:
                 (rle,) = encode_masks(fill_boxes(np.array([box]), size))  # pyright: ignore
-            rows.add(sight.frame, track.id, class_id, rle=rle, box=None if has_masks else box)
+            place = shown.index(sight.frame)
+            rows.add(place, track.id, class_id, rle=rle, box=None if has_masks else box)
     name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
-    return rows.finish(name, num_frames, class_names=class_names, frame_size=size)
+    finished = rows.finish(name, len(shown), class_names=class_names, frame_size=size)
+    return dataclasses.replace(finished, source_frames=np.array(shown) if is_chosen else None)
 
 
 def _parse(path: Path) -> ElementTree.Element:
@@ -160,6 +165,16 @@ def _frame_size(root: ElementTree.Element) -> _Size | None:
     said = {part.tag: part.text or "" for part in element}
     size = msgspec.convert(said, _FrameSize, strict=False)
     return check_size((size.height, size.width))
+
+
+def _shown_frames(root: ElementTree.Element) -> range:
+    """Numbers in the source of the frames of a task or job; none where it does not say so."""
+    said = [root.findtext(f".//meta//{end}_frame") for end in ("start", "stop")]
+    if not all(said):
+        return range(0)
+    first, last = (msgspec.convert(text, _Frame, strict=False) for text in said)
+    step = re.search(r"step\s*=\s*0*([1-9]\d{0,9})", root.findtext(".//frame_filter") or "")
+    return range(first, last + 1, int(step[1]) if step else 1)
 
 
 def _read_track(
@@ -234,7 +249,13 @@ def to_cvat(
     task = _add(_add(root, "meta"), "task")
     numbers = [tracks.source_index for tracks in run]
     _add(task, "name", printable(name))
-    _add(task, "size", max(numbers, default=-1) + 1)
+    steps = {*np.diff(numbers).tolist()} or {1}
+    is_even = bool(numbers) and len(steps) == 1  # else masks hold in frames that were passed over
+    _add(task, "size", len(numbers) if is_even else max(numbers, default=-1) + 1)
+    if is_even:
+        _add(task, "start_frame", numbers[0])
+        _add(task, "stop_frame", numbers[-1])
+        _add(task, "frame_filter", f"step={steps.pop()}")
     _add(task, "mode", "interpolation")
     labels = _add(task, "labels")
     for label in class_names:

@@ -139,7 +139,11 @@ def write_instance_maps(run: Sequence[Tracks], name: str, folder: Path) -> None:
     with files.replacing_folder(maps, folder) as unfinished:
         for tracks, picture in zip(run, pictures, strict=True):
             (unfinished / picture).write_bytes(_draw(tracks, dtype))
-        content = {"sequence": name, "id_to_class": {str(k): v for k, v in sorted(classes.items())}}
+        content = {
+            "sequence": name,
+            "id_to_class": {str(k): v for k, v in sorted(classes.items())},
+            "frame_numbers": [tracks.source_index for tracks in run],
+        }
         text = json.dumps(content, ensure_ascii=False, indent=1) + "\n"
         files.replace_file(folder / METADATA_NAME, text.encode("utf-8"))
 

@@ -164,6 +164,8 @@ def _read_maps(name: str, folder: Path, is_truth: bool) -> TrackRows:
     rows = read_instance_maps(folder, name, is_truth=is_truth, void=void)
     if classes is None:
         return rows
+    if len(classes.frame_numbers) == rows.num_frames:
+        rows = dataclasses.replace(rows, source_frames=np.array(classes.frame_numbers))
     ids = np.unique(rows.track_id).tolist()
     require_classes(classes, ids, str(folder))
     names = sorted({label for i in ids if (label := classes[i]) is not None})
@@ -206,6 +208,11 @@ def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
             "number only; give truth in the JSON of the same data set"
         )
     groups = group_by_video(content, file)
+    if groups and not groups.keys() & index.videos.keys():
+        raise SourceError(
+            f"'{path}' has rows of video {next(iter(groups))!r} and the like, and none of a video "
+            f"that is named ({next(iter(index.videos))!r}, ...); give the ids of the data set"
+        )
     read = {
         video.name: functools.partial(read_video, groups.get(number, []), index, number, file)
         for number, video in index.videos.items()

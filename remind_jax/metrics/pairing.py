@@ -144,7 +144,7 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
         place = align_frames(truth.frame_names, prediction.frame_names, prediction.name)
     else:
         place = _numbers(prediction)
-        if truth.frame_names:
+        if truth.frame_names or truth.source_frames is not None:
             place_of = {one: at for at, one in enumerate(_numbers(truth).tolist())}
             place = np.array([place_of.get(one, NOT_ALIGNED) for one in place.tolist()], np.int64)
         num_frames = max(truth.num_frames, int(place.max(initial=-1)) + 1)
@@ -159,7 +159,13 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
     notes = []
     if not known.all():
         num_left_out = len(np.unique(prediction.frame[~known]))
-        notes.append(f"{num_left_out} predicted frames that the truth lacks are left out")
+        why = ""
+        if truth.frame_names and truth.source_frames is None and not prediction.frame_names:
+            why = (
+                f"; without names, the first frame is '{truth.frame_names[0]}', "
+                f"the first of {len(truth.frame_names)} pictures of the truth"
+            )
+        notes.append(f"{num_left_out} predicted frames that the truth lacks are left out{why}")
     looked_at = np.unique(place[place != NOT_ALIGNED])
     if prediction.is_sampled and len(looked_at) < truth.num_frames:
         notes.append(f"{len(looked_at)} of {truth.num_frames} frames were processed")
@@ -245,10 +251,13 @@ def _join_classes(
 
 
 def have_common_classes(truth: TrackRows, prediction: TrackRows) -> bool:
-    """Whether all rows of both sides are named, in words that both use."""
+    """Whether all rows of both sides are named, in words that both use or may use."""
     sides = (truth, prediction)
     if any((side.class_id == UNKNOWN_CLASS).any() for side in sides):
         return False
+    known = [{*map(class_key, side.class_names)} for side in sides]
+    if known[0] == known[1]:  # as of results for a data set: none in common are errors then
+        return True
     used = [{class_key(s.class_names[i]) for i in np.unique(s.class_id)} for s in sides]
     return bool(used[0] & used[1]) or not (used[0] and used[1])
 

@@ -6,6 +6,7 @@ Rules: evaluation.md#labeling, evaluation.md#edits.
 from __future__ import annotations
 
 import dataclasses
+import zlib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -72,6 +73,7 @@ class Edits(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     run: Text  # name of the run
     num_detections: Count  # of the whole run: whether the file is of this run
     edits: Annotated[list[Edit], Meta(max_length=MAX_EDITS)]
+    labels: Text = ""  # `digest` of the labels that they change; earlier files have none
 
 
 def read_edits(path: str | Path) -> Edits:
@@ -90,6 +92,11 @@ def first_labels(run: Sequence[Tracks]) -> Labels:
     return labels
 
 
+def digest(labels: Labels) -> str:
+    """Tells runs apart that found the same detections and decided otherwise."""
+    return f"{zlib.crc32(repr([label.tolist() for label in labels]).encode()):08x}"
+
+
 def apply_edits(result: Result, edits: Edits, where: str) -> Result:
     """The run as its edits leave it: labeled detections are firm, all others have no identity.
 
@@ -106,6 +113,11 @@ def apply_edits(result: Result, edits: Edits, where: str) -> Result:
             f"this one has {num}; give the run that was labeled"
         )
     labels = first_labels(result.tracks)
+    if edits.labels not in ("", digest(labels)):
+        raise SourceError(
+            f"'{where}' was made for a run ('{edits.run}') with other identities than this one; "
+            "give the run that was labeled, or label this one"
+        )
     place = {tracks.frame_index: index for index, tracks in enumerate(result.tracks)}
     for number, edit in enumerate(edits.edits, 1):
         if not _apply(edit, labels, place):
@@ -210,6 +222,7 @@ def write_label_page(folder: str | Path) -> tuple[Path, Result]:
             "run": result.info.name,
             "num_detections": sum(len(label) for label in labels),
             "labels": [label.tolist() for label in labels],
+            "digest": digest(labels),
             "classes": [list(tracks.labels) for tracks in result.tracks],
             "boxes": [tracks.boxes.round().astype(int).tolist() for tracks in result.tracks],
             "sizes": [list(tracks.frame_size) for tracks in result.tracks],

@@ -4,7 +4,7 @@
 const labeling = run.labeling;
 const NOBODY = -1;
 const MIN_ABSENCE = 5; // frames; shorter gaps are flicker
-const storeKey = `remind-label ${labeling.run} ${labeling.num_detections}`;
+const storeKey = `remind-label ${labeling.run} ${labeling.num_detections} ${labeling.digest}`;
 const firstOf = new Map(run.identities.map((who) => [who.id, who])); // as the run had them
 const lastFrame = numFrames ? run.frames[numFrames - 1].frame : 0;
 
@@ -84,7 +84,7 @@ function inWords(edit) {
 
 function labelFile() {
   return JSON.stringify({ format: "remind-jax edits", version: 1, run: labeling.run,
-    num_detections: labeling.num_detections, edits }, null, 1) + "\n";
+    num_detections: labeling.num_detections, labels: labeling.digest, edits }, null, 1) + "\n";
 }
 
 function save() {

@@ -142,19 +142,30 @@ class ObjectRecords:
     def recount(self, run: Iterable[Tracks]) -> None:
         """Counts the frames of this session anew: later ones changed what was answered.
 
+        New objects that nothing is of any more are none.
+
         Args:
           run: All frames of the session, as announced in the end.
         """
         seen: dict[int, list[int]] = {}
+        labels: dict[int, str] = {}
         for tracks in run:
             for row in firm_rows(self.answer(tracks)).tolist():
-                seen.setdefault(int(tracks.object_id[row]), []).append(tracks.frame_index)
-        for object_id in seen.keys() & self._records.keys():
-            record, frames = self._records[object_id], seen[object_id]
+                object_id = int(tracks.object_id[row])
+                seen.setdefault(object_id, []).append(tracks.frame_index)
+                labels.setdefault(object_id, tracks.labels[row])
+        declared = {*self.given, *self.merged_into, *self.merged_into.values()}
+        for object_id, record in [*self._records.items()]:
+            if object_id not in seen:
+                if record.first.session == self.session and object_id not in declared:
+                    del self._records[object_id]
+                continue
+            frames = seen[object_id]
             before = record.num_frames - record.frames_in(self.session)
             first = Sight(self.session, frames[0])
             self._records[object_id] = dataclasses.replace(
                 record,
+                label=record.label if before else labels[object_id],
                 num_frames=before + len(frames),
                 first=min(record.first, first) if before else first,
                 last=Sight(self.session, frames[-1]),

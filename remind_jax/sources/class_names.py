@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from remind_jax.errors import SourceError
 from remind_jax.files import limits
-from remind_jax.files.records import decode_json
+from remind_jax.files.records import Count, decode_json
 from remind_jax.sources.file_tree import read_bytes, require_inside
 
 NUMBERED_LABEL = re.compile(r"^(.+)_\d+$")
@@ -47,6 +47,7 @@ class _Content(msgspec.Struct, frozen=True):
 
     default_class: _Name | None = None
     frame_names: list[Annotated[str, Meta(min_length=1, max_length=1000)]] | None = None
+    frame_numbers: tuple[Count, ...] = ()
     id_to_label: _Labels | None = None
     id_to_class: _Labels | None = None
     segGroups: list[_Segment] | None = None
@@ -60,6 +61,7 @@ class ClassNames:
     by_id: Mapping[int, str | None]  # None: leave this instance out
     default: str | None = None  # class of ids that are not listed
     file: str | None = None
+    frame_numbers: tuple[int, ...] = ()  # in the source, of the maps by name; empty if not said
 
     def __contains__(self, instance_id: int) -> bool:
         return instance_id in self.by_id or self.default is not None
@@ -161,7 +163,8 @@ def _find_classes(
         if labels is not None:
             is_found = True
             by_id |= {i: None if name is None else convert(name) for i, name in labels.items()}
-    return ClassNames(by_id, content.default_class, file) if is_found else None
+    numbers = content.frame_numbers
+    return ClassNames(by_id, content.default_class, file, numbers) if is_found else None
 
 
 def _labels_of_video(content: _Content, sequence: str, file: str) -> _Labels | None:

@@ -60,6 +60,17 @@ def test_changes_are_kept(command, memory):
     assert [one["id"] for one in listed(command, memory)] == [1]
 
 
+def test_what_resuming_would_not_know_is_said(command, memory):
+    kept = memory.parent / "checkpoint" / memory.name
+    kept.parent.mkdir()
+    shutil.copy(memory, kept)
+    said = " ".join(command("memory", memory, "rename", 1, "my mug").stdout.split())
+    assert "not complete, and --resume goes on from" in said
+    memory.unlink()  # as of a run that was killed
+    assert "complete" not in command("memory", memory.parent, "rename", 2, "mine").stdout
+    assert [one["name"] for one in listed(command, kept)] == ["", "", "mine"]
+
+
 def test_the_file_is_left_alone_where_another_is_named(command, memory):
     before = memory.read_bytes()
     words = ("memory", memory, "forget", 0, "-o", "other.safetensors")

@@ -6,6 +6,7 @@ import pytest
 from remind_jax.errors import SourceError
 from remind_jax.formats.cvat import read_cvat
 from remind_jax.masks.run_length import decode_mask
+from remind_jax.metrics.scene_evaluation import evaluate
 
 HEAD = (
     "<annotations><version>1.1</version><meta><task><size>6</size><original_size>"
@@ -59,6 +60,24 @@ def test_polygons_and_boxes_beside_masks_become_masks(tmp_path):
     rows = read_cvat(write(tmp_path / "a.xml", shapes))
     np.testing.assert_array_equal(decode_mask(rows.rles[1]), decode_mask(rows.rles[2]))
     assert decode_mask(rows.rles[1]).sum() == 16
+
+
+def test_frames_of_a_job_are_those_that_it_shows(tmp_path):
+    said = "<start_frame>30</start_frame><stop_frame>47</stop_frame>"
+    head = HEAD.replace("</size>", f"</size>{said}<frame_filter>step=3</frame_filter>")
+    shapes = box(33, (0, 0, 2, 2)) + box(39, (2, 4, 4, 6)) + box(42, (2, 4, 4, 6), outside=1)
+    rows = read_cvat(write(tmp_path / "a.xml", shapes, head=head))
+    assert (rows.num_frames, rows.source_frames.tolist()) == (6, [30, 33, 36, 39, 42, 45])
+    assert rows.frame.tolist() == [1, 2, 3]
+    np.testing.assert_array_equal(rows.boxes[1], [1, 2, 3, 4])
+    text = "".join(f"{frame},1,1,2,2,2,1,-1,-1,-1\n" for frame in (31, 37, 38))
+    (tmp_path / "mot.txt").write_text(text)
+    scored = evaluate(tmp_path / "a.xml", tmp_path / "mot.txt")
+    # Frame 38 of the text is 37 of the video, which the job does not show.
+    assert (scored.scores()["Dets"], scored.scores()["IDTP"]) == (2, 1)
+    # What is not in the frames that it says is of another program, or changed by hand.
+    rows = read_cvat(write(tmp_path / "b.xml", box(2, (0, 0, 2, 2)), head=head))
+    assert (rows.num_frames, rows.source_frames, rows.frame.tolist()) == (6, None, [2])
 
 
 def test_the_zip_of_cvat_is_read(tmp_path):

@@ -1,6 +1,7 @@
 """What labeling tools get is read back, and scores as the run itself."""
 
-import numpy as np
+import dataclasses
+
 import pytest
 
 from remind_jax.formats.cvat import to_cvat
@@ -28,15 +29,18 @@ def read(path):
 def test_cvat_gives_the_run_back(result, tmp_path):
     write_cvat(result, tmp_path / "cvat.xml")
     rows = read(tmp_path / "cvat.xml")
-    assert rows.num_frames == result.tracks[-1].source_index + 1
-    rows = rows.select(np.isin(rows.frame, [tracks.source_index for tracks in result.tracks]))
+    assert rows.source_frames.tolist() == [tracks.source_index for tracks in result.tracks]
     expected = [
-        (one.source_index, one.object_id[row], one.rles[row]["counts"], one.labels[row])
+        (one.frame_index, one.object_id[row], one.rles[row]["counts"], one.labels[row])
         for one in result.tracks
         for row in firm_rows(one)
     ]
     got = zip(rows.frame, rows.track_id, (rle["counts"] for rle in rows.rles), strict=True)
     names = [rows.class_names[number] for number in rows.class_id]
     assert sorted((*one, name) for one, name in zip(got, names, strict=True)) == sorted(expected)
+    uneven = dataclasses.replace(result, tracks=result.tracks[:2] + result.tracks[3:])
+    write_cvat(uneven, tmp_path / "uneven.xml")  # no step of CVAT says which
+    rows = read(tmp_path / "uneven.xml")
+    assert (rows.num_frames, rows.source_frames) == (result.tracks[-1].source_index + 1, None)
     write_cvat(Result((), make_info()), tmp_path / "empty.xml")
     assert (tmp_path / "empty.xml").stat().st_size > 0

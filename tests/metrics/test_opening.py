@@ -9,6 +9,7 @@ import pytest
 from remind_jax.errors import SourceError
 from remind_jax.metrics import evaluate
 from remind_jax.metrics.opening import open_scenes
+from remind_jax.metrics.scene_evaluation import SceneOptions
 from tests.formats import scenes as made
 from tests.formats.scenes import ANSWERS, TRUTH
 
@@ -89,6 +90,22 @@ def test_result_lists_lean_on_the_truth(tmp_path: Path):
     davis = made.write_davis(tmp_path / "davis", TRUTH)
     with pytest.raises(SourceError, match="list of results"):
         evaluate(davis, results)
+    rows = made.coco_results(ANSWERS)
+    others = [row | {"video_id": row["video_id"] + 70} for row in rows]
+    with pytest.raises(SourceError, match="none of a video that is named"):
+        evaluate(truth, made.write_json(tmp_path / "others.json", others))
+
+
+def test_wrong_classes_of_one_data_set_are_wrong(tmp_path: Path):
+    data = made.coco_video(TRUTH)
+    data["categories"] = [{"id": 1, "name": "cup"}, {"id": 2, "name": "plate"}]
+    data["annotations"] = [row | {"category_id": 2} for row in data["annotations"]]
+    truth = made.write_json(tmp_path / "truth.json", data)
+    rows = [row | {"category_id": 1} for row in made.coco_results(ANSWERS)]
+    results = made.write_json(tmp_path / "results.json", rows)
+    classes = evaluate(truth, results, options=SceneOptions(by_class=True)).to_json()["classes"]
+    found = {name: (one["GT_Dets"], one["Dets"]) for name, one in classes.items()}
+    assert found == {"cup": (0, 10), "plate": (10, 0)}
 
 
 def test_one_scene_matches_one_scene_whatever_their_names(tmp_path: Path):

@@ -2,12 +2,14 @@
 
 import json
 
+import msgspec
 import numpy as np
 import pytest
 
 from remind_jax.decision import NO_ID
 from remind_jax.errors import OutputError, SourceError
 from remind_jax.formats.instance_maps import write_instance_maps
+from remind_jax.formats.mot import mot_lines
 from remind_jax.metrics import evaluate
 from remind_jax.outputs.label_edits import (
     Assign,
@@ -15,6 +17,8 @@ from remind_jax.outputs.label_edits import (
     Merge,
     Move,
     apply_edits,
+    digest,
+    first_labels,
     read_edits,
 )
 from remind_jax.outputs.result import Result
@@ -94,6 +98,14 @@ def test_edits_of_another_run_are_refused(result):
     edits = Edits("remind-jax edits", 1, "attic", 5, [])
     with pytest.raises(SourceError, match=r"a run of 5 detections \('attic'\)"):
         apply_edits(result, edits, "e")
+    # The same detections, decided otherwise: ids mean others.
+    edits = made(result, Merge(77, 1))
+    own = msgspec.structs.replace(edits, labels=digest(first_labels(result.tracks)))
+    with pytest.raises(SourceError, match="there is no such detection"):
+        apply_edits(result, own, "e")
+    other = msgspec.structs.replace(edits, labels=digest([np.array([2])]))
+    with pytest.raises(SourceError, match="with other identities than this one; give the run"):
+        apply_edits(result, other, "e")
 
 
 @pytest.mark.parametrize(
@@ -133,6 +145,9 @@ def test_the_truth_scores_the_labeled_run_with_100(result, tmp_path, format):
     scores = evaluate(truth, tmp_path / "run").scores()
     names = ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery")
     assert {name: scores[name] for name in names} == dict.fromkeys(names, 1.0)
+    # Text of the same run counts the frames of the source, of which it took every second one.
+    (tmp_path / "mot.txt").write_text("\n".join(mot_lines(labeled.tracks)))
+    assert evaluate(truth, tmp_path / "mot.txt").scores()["IDF1"] == 1
     result.save(tmp_path / "unlabeled")
     assert evaluate(truth, tmp_path / "unlabeled").scores()["IDF1"] < 1
 

@@ -257,6 +257,21 @@ def test_a_frame_of_both_counts_once_after_they_were_seen_apart():
     assert records.objects()[0].num_frames == 4
 
 
+def test_what_later_frames_took_from_an_object_is_not_told_of_it():
+    records = ObjectRecords()
+    for number in range(2):
+        records.note(seen(number, [0, 1]), None)
+    records.note(dataclasses.replace(seen(2, [2]), labels=("sink",)), None)  # announced now
+    records.note(seen(3, [3, 4]), None)
+    records.merge(4, [3])
+    records.recount([seen(0, [0, 2]), seen(1, [0]), seen(3, [3])])
+    known = [
+        (one.object_id, one.label, one.num_frames, one.last.frame) for one in records.objects()
+    ]
+    # What people declared to be one stays, whichever of the two is seen.
+    assert known == [(0, "cup", 2, 1), (2, "cup", 1, 0), (4, "cup", 1, 3)]
+
+
 def test_what_is_lost_goes_with_all_that_people_said_of_it():
     records = ObjectRecords()
     records.note(seen(0, [1, 2, 3, 4, 5]), None)
