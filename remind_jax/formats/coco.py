@@ -80,6 +80,7 @@ class VideoRecord(msgspec.Struct, frozen=True):
     id: Id
     name: Text | Whole | None = None
     file_names: tuple[Text, ...] | None = None
+    frame_numbers: tuple[Count, ...] = ()  # in the source, as `remind run` tells them
     length: Annotated[int, Meta(ge=0, le=limits.MAX_FRAMES)] | None = None
     height: _Size | None = None
     width: _Size | None = None

@@ -37,6 +37,7 @@ class Video:
     num_frames: int
     frame_names: tuple[str, ...] | None
     size: tuple[int, int] | None  # height, width in pixels
+    frame_numbers: tuple[int, ...] | None = None  # in the source, where they are said
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,12 +73,14 @@ def index_videos(content: DataSet, file: str) -> CocoIndex:
             )
         names = video.file_names or ()
         length = len(names) if video.length is None else video.length
+        numbers = video.frame_numbers
         common = names[0].rpartition("/")[0] if names else ""
         videos[video.id] = Video(
             name=str(video.name or common or video.id),
             num_frames=length,
             frame_names=names if names and len(names) == length else None,
             size=(video.height, video.width) if video.height and video.width else None,
+            frame_numbers=numbers if numbers and len(numbers) == length else None,
         )
     return CocoIndex(videos, name_categories(content.categories, file))
 
@@ -126,12 +129,16 @@ def read_video(
                 rows.add(frame, track_id, class_id, box=box)
             else:
                 rows.add(frame, track_id, class_id, rle=_to_rle(shape, video.size, where))
-    return rows.finish(
+    finished = rows.finish(
         video.name,
         video.num_frames,
         class_names=index.class_names,
         frame_names=video.frame_names,
         frame_size=video.size,
+    )
+    numbers = video.frame_numbers
+    return dataclasses.replace(
+        finished, source_frames=None if numbers is None else np.array(numbers)
     )
 
 
@@ -199,7 +206,13 @@ def coco_video(
     video = {"id": 1, "name": name, "height": height, "width": width, "length": len(tracks)}
     return {
         "info": {"description": name, "fps": fps},
-        "videos": [video | {"file_names": [frame.name for frame in tracks]}],
+        "videos": [
+            video
+            | {
+                "file_names": [frame.name for frame in tracks],
+                "frame_numbers": [frame.source_index for frame in tracks],
+            }
+        ],
         "categories": [{"id": number, "name": label} for label, number in numbers.items()],
         "annotations": [
             annotations[object_id] | {"score": float(np.mean(scores[object_id]))}

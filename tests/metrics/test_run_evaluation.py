@@ -1,6 +1,8 @@
 """A run scored against truth from elsewhere equals the run scored by the truth it carries."""
 
 import dataclasses
+import itertools
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import pytest
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import SourceError
+from remind_jax.formats.coco_tracks import coco_video
 from remind_jax.formats.cvat import to_cvat
 from remind_jax.formats.mot import mot_lines
 from remind_jax.masks.run_length import encode_masks
@@ -90,12 +93,14 @@ def test_only_processed_frames_are_evaluated(tmp_path: Path, truth: Path):
 
 def test_outputs_of_one_strided_run_agree_whichever_is_the_truth(tmp_path: Path):
     run = [dataclasses.replace(frame, frame_index=at) for at, frame in enumerate(make_run()[::2])]
+    classes = [*CLASSES.values()]
     folder, mot, cvat = save(tmp_path / "run", run), tmp_path / "mot.txt", tmp_path / "cvat.xml"
+    coco = tmp_path / "coco_video.json"
     mot.write_text("\n".join(mot_lines(run)))
-    cvat.write_bytes(to_cvat(run, "run", [*CLASSES.values()], run[0].frame_size))
-    for other in (mot, cvat):
-        for sides in ((folder, other), (other, folder)):
-            assert evaluate(*sides).scores()["IDF1"] == 1.0
+    cvat.write_bytes(to_cvat(run, "run", classes, run[0].frame_size))
+    coco.write_text(json.dumps(coco_video(run, classes, "run", 10.0)))
+    for sides in itertools.permutations((folder, mot, cvat, coco), 2):
+        assert evaluate(*sides).scores()["IDF1"] == 1.0, sides
 
 
 def test_undecided_detections_beside_the_truth_are_no_observations(tmp_path: Path, truth: Path):
