@@ -265,15 +265,20 @@ class Method:
         thresholds = self.settings() if thresholds is None else thresholds
         options = {"static": static, "thresholds": thresholds}
         seen = self.describe(frame_feats, masks, observed, **options)
-        after, _ = self.decide(state, seen, **options)
-        return self.as_before(after, state)
+        return self.as_before(self.decide(state, seen, **options), state)[0]
 
-    def as_before(self, after: Any, before: Any) -> Any:
-        """The memory after a frame in the types that it came in, so that steps can be scanned.
+    def as_before(self, decided: Any, before: Any) -> tuple[Any, Any]:
+        """What `decide` returned, the memory in the types that it came in, to be scanned.
 
         Raises:
-          ConfigError: If it has other leaves, or one of another shape.
+          ConfigError: If it is no pair, or the memory has other leaves, or one of another shape.
         """
+        if not isinstance(decided, tuple) or len(decided) != 2:
+            raise ConfigError(
+                f"'decide' of tracker '{self.name}' returns {type(decided).__name__}; return a "
+                "pair: the memory after the frame, and a trace or None"
+            )
+        after, trace = decided
         old, new = dict(named_leaves(before)), dict(named_leaves(after))
         wrong = next((name for name in old if np.shape(new.get(name, 0)) != old[name].shape), None)
         if wrong is not None or jax.tree.structure(after) != jax.tree.structure(before):
@@ -282,9 +287,10 @@ class Method:
                 f"'decide' of tracker '{self.name}' returns a memory of another structure or "
                 f"shapes than it was given{found}; return that memory, changed, and a trace or None"
             )
-        return jax.tree.map(
+        after = jax.tree.map(
             lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, before
         )
+        return after, trace
 
     def static(self, **capacities: Any) -> Static:
         """Capacities, the published ones where they are left out, with its switches as published.

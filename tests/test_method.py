@@ -154,6 +154,10 @@ def test_a_memory_that_comes_back_in_another_shape_is_refused(counter):
     register_method(dataclasses.replace(counter, name="turned", decide=turn))
     with pytest.raises(ConfigError, match=r"another structure or shapes.*'shift' is not \[2\]"):
         live.Tracker(tracker="turned").update(picture(50), two_masks())
+    alone = dataclasses.replace(counter, name="alone", decide=lambda state, *_, **__: state)
+    register_method(alone)
+    with pytest.raises(ConfigError, match="return a pair: the memory"):
+        live.Tracker(tracker="alone").update(picture(50), two_masks())
 
 
 @pytest.mark.parametrize(

@@ -163,8 +163,7 @@ class FrameStep:
         def on_leaves(*leaves: Any) -> Any:
             before = jax.tree.unflatten(memory_structure, leaves[: len(memory_shapes)]).unpack()
             given = jax.tree.unflatten(given_structure, leaves[len(memory_shapes) :])
-            after, trace = run(before, given)
-            after = self._method.as_before(after, before)
+            after, trace = self._method.as_before(run(before, given), before)
             return (
                 Bundle.of(after),
                 Packed.of(_read_out(self._method, after)),
