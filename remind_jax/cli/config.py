@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, arg, subcommand
 
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name
-from remind_jax.cli.flags import Assignments, BackboneName, TrackerName, flags, load_config_with
+from remind_jax.cli.flags import (
+    Assignments,
+    BackboneName,
+    TrackerName,
+    flags,
+    load_config_with,
+)
 from remind_jax.errors import ConfigError
 from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines
@@ -37,29 +43,27 @@ class Show:
     """Print every value that runs with a configuration, as YAML for 'run --config'."""
 
     name: Annotated[Positional[str], arg(metavar="[CONFIG]")] = "default"  # name, or YAML file
-    tracker: TrackerName = None
     backbone: BackboneName = DEFAULT_BACKBONE  # some thresholds fit it
     changes: Assignments = ()
 
     def execute(self) -> None:
         """Prints the configuration."""
-        print(_as_yaml(_load(self.name, self.backbone, self.changes, self.tracker).to_dict()))
+        print(_as_yaml(_load(self.name, self.backbone, self.changes).to_dict()))
 
 
 @flags
 class Describe:
-    """Say what settings mean: value, unit, what a larger one does, what others call them."""
+    """Say what settings mean: value, unit, what a larger one does, other names."""
 
     keys: Annotated[Positional[tuple[str, ...]], arg(metavar="KEY ...")]  # settings or sections
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # whose settings and values
     tracker: TrackerName = None
-    backbone: BackboneName = DEFAULT_BACKBONE  # some thresholds fit it
 
     def execute(self) -> None:
         """Prints a paragraph per setting."""
         if not self.keys:
             raise ConfigError("name the settings to describe, for example decision.new")
-        config = _load(self.config, self.backbone, tracker=self.tracker)
+        config = _load(self.config, DEFAULT_BACKBONE, tracker=self.tracker)
         for line in describe_settings(config, self.keys):
             print_lines(line)
 
