@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, arg, subcommand
 
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name
-from remind_jax.cli.flags import Assignments, BackboneName, flags, load_config_with
+from remind_jax.cli.flags import (
+    Assignments,
+    BackboneName,
+    TrackerName,
+    flags,
+    load_config_with,
+)
 from remind_jax.errors import ConfigError
 from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines
@@ -47,16 +53,18 @@ class Show:
 
 @flags
 class Describe:
-    """Say what settings mean: value, unit, what a larger one does, what others call them."""
+    """Say what settings mean: value, unit, what a larger one does, other names."""
 
     keys: Annotated[Positional[tuple[str, ...]], arg(metavar="KEY ...")]  # settings or sections
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # whose settings and values
+    tracker: TrackerName = None
 
     def execute(self) -> None:
         """Prints a paragraph per setting."""
         if not self.keys:
             raise ConfigError("name the settings to describe, for example decision.new")
-        for line in describe_settings(load_config_with(self.config), self.keys):
+        config = _load(self.config, DEFAULT_BACKBONE, tracker=self.tracker)
+        for line in describe_settings(config, self.keys):
             print_lines(line)
 
 
@@ -148,13 +156,15 @@ class ConfigVerb:
         self.action.execute()
 
 
-def _load(name: str, backbone: str, changes: Assignments = ()) -> Config:
+def _load(
+    name: str, backbone: str, changes: Assignments = (), tracker: str | None = None
+) -> Config:
     """The values that run: the profile of the backbone is filled in."""
     from remind_jax.backbone.opening import open_backbone
     from remind_jax.config.profiles import has_profile
 
     check_name(backbone)
-    config = load_config_with(name, changes)
+    config = load_config_with(name, changes, tracker)
     # The fingerprint of a network takes its weights, which are there where it was calibrated.
     if ":" in backbone or "+" in backbone or has_profile(config.tracker, backbone):
         return config.for_backbone(*open_backbone(backbone).identity)

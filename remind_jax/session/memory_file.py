@@ -323,7 +323,10 @@ def _read_description(
         data = metadata[name].encode("utf-8", "replace")
         return decode_json(data, record, f"{where}, '{name}'", refused=OutputError)
 
-    switches = get_method(metadata["tracker"]).switches()
+    try:
+        switches = get_method(metadata["tracker"]).switches()
+    except ConfigError as error:
+        raise ConfigError(f"'{path}': {error}; register one of your own before") from error
     values = read("static", dict[str, Any])
     if "switches" in values:
         given = values.pop("switches")

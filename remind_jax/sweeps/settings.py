@@ -208,7 +208,8 @@ def _read_table(path: Path) -> list[Setting]:
         raise ConfigError(f"cannot read settings from '{path}': {error.strerror}") from error
     except csv.Error as error:
         raise ConfigError(f"'{path}' is no CSV file: {error}") from error
-    names, *rows = ([unguard_cell(cell) for cell in row] for row in rows or [[]])
+    # Editors leave empty lines, at the end above all.
+    names, *rows = ([unguard_cell(cell) for cell in row] for row in [*filter(None, rows)] or [[]])
     if len(rows) > MAX_SETTINGS:
         raise ConfigError(f"'{path}' holds more than {MAX_SETTINGS} settings; sweep over fewer")
     twice = next((name for name, count in Counter(names).items() if count > 1), None)

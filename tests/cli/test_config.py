@@ -37,6 +37,15 @@ def test_describe_takes_sections_and_knows_limits(command):
     assert "  at most 3: an undecided detection names three objects at most" in outcome.stdout
 
 
+def test_describe_tells_the_value_that_runs(command):
+    said = command("config", "describe", "matching.match", "--config", "remind").stdout
+    assert said.startswith("thresholds.matching.match: 0.7 ")
+    refused = command("config", "describe", "match")
+    assert "give --tracker bank" in refused.stderr
+    said = command("config", "describe", "match", "--tracker", "bank").stdout
+    assert said.startswith("thresholds.match: 0.66 ")
+
+
 def test_diff_prints_keys_that_differ(command, tmp_path):
     (tmp_path / "mine.yaml").write_text("base: remind\nthresholds: {matching: {match: 0.5}}\n")
     outcome = command("config", "diff", "mine.yaml", "remind")

@@ -13,7 +13,7 @@ from remind_jax.cli.main import VERBS, main
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.sources.sampling import Sampling
 
-ACTIONS = ("list", "show", "diff", "validate", "import-reference")
+ACTIONS = ("list", "show", "describe", "diff", "validate", "import-reference")
 PAGES = [(verb,) for verb in VERBS] + [("config", action) for action in ACTIONS]
 
 

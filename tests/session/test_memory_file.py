@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
-from remind_jax.errors import OutputError
+from remind_jax.errors import ConfigError, OutputError
 from remind_jax.files.tensors import read_safetensors_header
 from remind_jax.method import list_methods
 from remind_jax.remind.state import init
@@ -143,6 +143,11 @@ OTHER_CAPACITY = dataclasses.asdict(change_static(STATIC, num_objects=9))
 def test_headers_that_cannot_be_are_refused(path, entry, value, said):
     with pytest.raises(OutputError, match=said):
         load_memory(rewrite(path, header={entry: value}))
+
+
+def test_a_memory_of_a_tracker_that_is_not_registered_is_named(path):
+    with pytest.raises(ConfigError, match=r"safetensors': there is no tracker 'mine'.*register"):
+        load_memory(rewrite(path, header={"tracker": "mine"}))
 
 
 @pytest.mark.parametrize(

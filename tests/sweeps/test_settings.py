@@ -42,7 +42,7 @@ def test_values_that_are_none_are_refused(text):
 
 
 def test_a_csv_file_and_a_json_file_hold_the_same_settings(tmp_path):
-    (tmp_path / "a.csv").write_text("matching.match,influence.enabled\n0.7,true\n0.8,false\n")
+    (tmp_path / "a.csv").write_text("matching.match,influence.enabled\n0.7,true\n\n0.8,false\n\n")
     rows = [{"matching": {"match": 0.7}, "influence.enabled": True}]
     (tmp_path / "a.json").write_text(json.dumps(rows))
     first, second = read_settings(tmp_path / "a.csv")
