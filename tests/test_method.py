@@ -9,9 +9,10 @@ import pytest
 
 import remind_jax as rj
 from remind_jax import method as methods
+from remind_jax.backbone.registry import Backbone
 from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Decisions, Outcome, Overflow, no_decisions
-from remind_jax.errors import ConfigError, RemindError
+from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.method import Method, Needs, get_method, list_methods, register_method
 from remind_jax.session import live
 from remind_jax.static import Static
@@ -312,6 +313,15 @@ def test_what_is_around_a_method_is_called_once_a_frame_alone(counted, request):
     num_known = 1 if request.node.callspec.params["counted"] == "remind" else 3
     assert found[:num_known] == [[0, 1]] * num_known
     assert called(counted) == (3, 3)
+
+
+def test_a_scene_without_a_finite_feature_is_refused():
+    def overflow(images):
+        return np.full((len(images), *(side // 16 for side in images.shape[1:3]), 4), np.nan)
+
+    overflowing = Backbone("overflowing", patch_px=16, dim=4, apply=overflow)
+    with pytest.raises(SourceError, match="not one feature of .* is a finite number"):
+        rj.stack_scene(scene_of_squares(), backbone=overflowing)
 
 
 def test_a_method_is_what_a_configuration_of_its_name_runs():

@@ -10,8 +10,9 @@ import numpy as np
 
 from remind_jax.backbone.vit_positions import rotary_periods
 from remind_jax.backbone.vit_variants import Variant
-from remind_jax.backbone.vit_weights import leaf_shapes
+from remind_jax.backbone.vit_weights import MAX_LISTED, leaf_shapes
 from remind_jax.errors import WeightsError
+from remind_jax.printing.words import first_of
 from weights_convert.stored_tensors import StoredTensor
 
 Shape = tuple[int, ...]
@@ -157,7 +158,7 @@ def check_complete(
     file: str,
     network: str,
 ) -> None:
-    """Raises a `WeightsError` that lists every missing, unexpected and mis-shaped key at once."""
+    """Raises a `WeightsError` that tells of missing, unexpected and mis-shaped keys at once."""
     needed: dict[str, Shape] = {name: shape for r in wanted for name, shape in r.sources}
     faults: dict[str, list[str]] = {
         "missing": [name for name in needed if name not in tensors],
@@ -168,7 +169,7 @@ def check_complete(
             if name in tensors and tensors[name].shape != shape
         ],
     }
-    found = [f"{kind}: {', '.join(names)}" for kind, names in faults.items() if names]
+    found = [f"{kind}: {first_of(names, MAX_LISTED)}" for kind, names in faults.items() if names]
     if found:
         raise WeightsError(f"'{file}' does not hold exactly '{network}': {'; '.join(found)}")
 

@@ -14,7 +14,7 @@ import numpy as np
 from safetensors import safe_open
 
 from remind_jax.errors import WeightsError, first_line
-from remind_jax.files import reading, say_no_file
+from remind_jax.files import read_bytes, reading, say_no_file
 from remind_jax.files.records import Text, read_json
 from remind_jax.files.tensors import read_safetensors_header
 from weights_convert.pickled_tensors import PickledTensor, read_pickled
@@ -76,6 +76,11 @@ def open_source(path: str | Path) -> WeightSource:
     if path.name.endswith(INDEX_SUFFIX):
         return _open_shards(path)
     if path.suffix == ".safetensors":
+        for index in path.parent.glob(f"*{INDEX_SUFFIX}"):
+            with reading(index, WeightsError):
+                is_listed = path.name.encode() in read_bytes(index, _MAX_JSON_BYTES)
+            if is_listed:
+                raise WeightsError(f"'{path}' is one of several files of a network; give '{index}'")
         return WeightSource(path, (path,), _open_safetensors(path), _config_beside(path))
     if path.suffix in PICKLED_SUFFIXES:
         try:

@@ -21,6 +21,7 @@ from remind_jax.errors import RemindError, WeightsError
 from remind_jax.files import reading, say_no_file, user_cache_folder
 from remind_jax.files.records import decode_json
 from remind_jax.files.tensors import read_safetensors_header
+from remind_jax.printing.words import first_of
 
 FORMAT = "remind-jax vision transformer"
 SCHEMA_VERSION = "1"
@@ -30,7 +31,7 @@ DTYPES: dict[str, np.dtype] = {
     "bfloat16": np.dtype(ml_dtypes.bfloat16),
 }
 _STACKED = "blocks."  # leaves of all blocks become one array [L, ...]
-_MAX_LISTED = 6
+MAX_LISTED = 6  # leaves that a message names
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,17 +203,12 @@ def _check_leaves(shapes: Mapping[str, tuple[int, ...]], variant: Variant, path:
             name for name in set(needed) & set(shapes) if needed[name] != shapes[name]
         ),
     }
-    found = [f"{kind}: {_some(names)}" for kind, names in faults.items() if names]
+    found = [f"{kind}: {first_of(names, MAX_LISTED)}" for kind, names in faults.items() if names]
     if found:
         raise WeightsError(
             f"'{path}' does not hold the weights of '{variant.name}' ({'; '.join(found)}); convert "
             "it again with 'remind convert'"
         )
-
-
-def _some(names: list[str]) -> str:
-    rest = len(names) - _MAX_LISTED
-    return ", ".join(names[:_MAX_LISTED]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def _check_bytes(path: Path, header: Mapping[str, str]) -> None:

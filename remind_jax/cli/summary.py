@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from remind_jax.errors import on_one_line
 from remind_jax.printing.terminal import print_lines
-from remind_jax.printing.words import plural
+from remind_jax.printing.words import first_of, plural
 
 if TYPE_CHECKING:
     from remind_jax.outputs.result import Result
@@ -66,9 +66,7 @@ def _say_known(result: Result) -> list[str]:
     line = f"{len(known) - len(not_met)} of {plural(len(known), 'known object')} met again"
     if not not_met:
         return [line]
-    shown = [one.title for one in not_met[:_MAX_NAMED]]
-    more = f" and {len(not_met) - _MAX_NAMED} more" if len(not_met) > _MAX_NAMED else ""
-    return [f"{line}; not met: {', '.join(shown)}{more}"]
+    return [f"{line}; not met: {first_of([one.title for one in not_met], _MAX_NAMED)}"]
 
 
 def _say_times(facts: dict[str, Any]) -> list[str]:

@@ -220,6 +220,11 @@ def _read(
             instances.append(prepared.detections.instance_ids)
     if not masks:
         raise SourceError(f"'{source.name}' has no frames")
+    if not any(np.isfinite(one.patches).any() for one in feats):
+        raise SourceError(
+            f"not one feature of '{source.name}' is a finite number; give another backbone, or its "
+            "features in float32"
+        )
     return feats, masks, observed, instances, brings_features
 
 

@@ -131,6 +131,10 @@ def test_sharded_folder_with_configuration(tmp_path):
     (folder / "config.json").write_text(json.dumps({"num_attention_heads": 2, "hidden_size": 65}))
     with pytest.raises(WeightsError, match="hidden_size 65, not 64"):
         convert(folder, tmp_path / "b.safetensors", wishes=Wishes(custom=True))
+    with pytest.raises(WeightsError, match=r"one of several files of a network; give .*json"):
+        WeightsError, match=r"one of several files of a network; give '.*index.json'"
+    ):
+        convert(folder / "model-1.safetensors", tmp_path / "b.safetensors")
     (folder / "model-2.safetensors").unlink()
     with pytest.raises(WeightsError, match=r"lists 'model-2.safetensors', which is missing"):
         convert(folder, tmp_path / "b.safetensors", wishes=Wishes(custom=True))
@@ -246,7 +250,7 @@ def with_other_mask(tensors):
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
-        (drop_block, "blocks.1.norm1.weight, blocks.1.norm1.bias"),
+        (drop_block, "blocks.1.down.weight and 8 more"),
         (name_like_timm, "no known key layout, which are: official .pth"),
         (with_nan, "'norm.bias' holds numbers that are not finite"),
         (with_other_mask, "is not 1, 0, 1 by thirds"),
