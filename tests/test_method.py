@@ -320,7 +320,7 @@ def test_a_scene_without_a_finite_feature_is_refused():
         return np.full((len(images), *(side // 16 for side in images.shape[1:3]), 4), np.nan)
 
     overflowing = Backbone("overflowing", patch_px=16, dim=4, apply=overflow)
-    with pytest.raises(SourceError, match="not one feature of .* is a finite number"):
+    with pytest.raises(SourceError, match=r"not one feature of .* is a finite number"):
         rj.stack_scene(scene_of_squares(), backbone=overflowing)
 
 

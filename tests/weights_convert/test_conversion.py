@@ -132,8 +132,6 @@ def test_sharded_folder_with_configuration(tmp_path):
     with pytest.raises(WeightsError, match="hidden_size 65, not 64"):
         convert(folder, tmp_path / "b.safetensors", wishes=Wishes(custom=True))
     with pytest.raises(WeightsError, match=r"one of several files of a network; give .*json"):
-        WeightsError, match=r"one of several files of a network; give '.*index.json'"
-    ):
         convert(folder / "model-1.safetensors", tmp_path / "b.safetensors")
     (folder / "model-2.safetensors").unlink()
     with pytest.raises(WeightsError, match=r"lists 'model-2.safetensors', which is missing"):
