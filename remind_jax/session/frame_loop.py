@@ -224,10 +224,10 @@ class FrameLoop:
         """Compiles and loads all for pictures of one size, so that the first does not age."""
         if content.image is None:
             return
-        if self.detector is not None:
-            self.detector(content.image)
+        found = () if self.detector is None else self.detector(content.image)
+        num_found = min(len(found), self.tracker.most_detections)
         height, width = content.image.shape[:2]
-        self._compile_s += self.tracker.warm_up((height, width))
+        self._compile_s += self.tracker.warm_up((height, width), num_detections=num_found)
 
     def _prepare(self, frame: Frame, spent: dict[str, float]) -> Upcoming:
         """Detects and reduces; takes the milliseconds that decoding took."""
