@@ -19,7 +19,7 @@ ERROR = 1  # input, configuration or output is wrong: one sentence on stderr
 USAGE = 2  # the words of the command make no sense
 FAILED = 70  # a defect of ours: the traceback is in a file
 INTERRUPTED = 130  # Ctrl-C, after finishing what was done
-TERMINATED = 143  # SIGTERM, the same
+TERMINATED = 143  # SIGTERM, the same, and so on for others
 BROKEN_PIPE = 141  # the reader of our output went away
 
 _TURN_S = 0.0005
@@ -27,7 +27,7 @@ _TURN_S = 0.0005
 
 @contextlib.contextmanager
 def ending_well() -> Iterator[list[int]]:
-    """Lets SIGTERM end what goes on as Ctrl-C does; gives a list that it will be in then."""
+    """Lets other signals end what goes on as Ctrl-C does; gives a list that they will be in."""
     signals: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield signals
@@ -37,16 +37,24 @@ def ending_well() -> Iterator[list[int]]:
         signals.append(number)
         raise KeyboardInterrupt
 
-    former = signal.signal(signal.SIGTERM, stop)
+    former = {number: signal.signal(number, stop) for number in ending_signals()}
     try:
         yield signals
     finally:
-        signal.signal(signal.SIGTERM, former)
+        for number, handler in former.items():
+            signal.signal(number, handler)
+
+
+def ending_signals() -> list[signal.Signals]:
+    """Signals that end a process as Ctrl-C does: SIGTERM, and that the terminal was closed."""
+    known = [signal.SIGTERM]
+    known += [signal.SIGHUP] if hasattr(signal, "SIGHUP") else []
+    return [one for one in known if signal.getsignal(one) != signal.SIG_IGN]  # as `nohup` has it
 
 
 def stopped_by(number: int | None) -> int:
     """The exit code after a signal; that of Ctrl-C if none is known."""
-    return TERMINATED if number == signal.SIGTERM else INTERRUPTED
+    return INTERRUPTED if number is None else 128 + number
 
 
 def complain(sentence: str) -> None:

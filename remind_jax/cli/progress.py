@@ -1,4 +1,4 @@
-"""How Ctrl-C and SIGTERM end a run well, and what is seen of a sweep."""
+"""How Ctrl-C and other signals end a run well, and what is seen of a sweep."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
+from remind_jax.cli.process import ending_signals
 from remind_jax.session.progress import Progress, RunLine
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
 class RunDisplay:
     """The line of a run, and its Ctrl-C; hand it to `run` as `progress`.
 
-    The first Ctrl-C or SIGTERM ends the run after the frame in work, so that everything done is
-    written and the memory is whole; the second ends it at once.
+    The first Ctrl-C, SIGTERM or SIGHUP ends the run after the frame in work, so that everything
+    done is written and the memory is whole; the second ends it at once.
 
     Attributes:
       signal: What asked the run to stop; None if nothing did.
@@ -49,7 +50,7 @@ class RunDisplay:
     def __enter__(self) -> RunDisplay:
         self._former: dict[int, Any] = {}
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
+            for number in (signal.SIGINT, *ending_signals()):
                 self._former[number] = signal.signal(number, self._stop)
         self._line.__enter__()
         return self

@@ -88,18 +88,16 @@ def get_program(recipe: Recipe) -> Program:
         _programs.move_to_end(key)
     if future.done():
         return future.result()
-    start = time.perf_counter()
-    if is_new:
-        try:
-            future.set_result(_make(recipe))
-        except BaseException as error:
-            with _lock:
-                _programs.pop(key, None)
-            future.set_exception(error)
-            raise
-    program = future.result()
-    _waited.seconds = waited_s() + time.perf_counter() - start
-    return program
+    with waiting():
+        if is_new:
+            try:
+                future.set_result(_make(recipe))
+            except BaseException as error:
+                with _lock:
+                    _programs.pop(key, None)
+                future.set_exception(error)
+                raise
+        return future.result()
 
 
 def _uncompiled(recipe: Recipe) -> Program:
@@ -113,6 +111,14 @@ def _uncompiled(recipe: Recipe) -> Program:
 def is_jit_off() -> bool:
     """Whether somebody looks into what would be compiled (`jax.disable_jit`)."""
     return jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@contextlib.contextmanager
+def waiting() -> Iterator[None]:
+    """What passes within counts as waited for programs; not for use within itself."""
+    start = time.perf_counter()
+    yield
+    _waited.seconds = waited_s() + time.perf_counter() - start
 
 
 def waited_s() -> float:

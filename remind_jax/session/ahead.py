@@ -7,6 +7,7 @@ import logging
 import threading
 from collections.abc import Callable
 
+from remind_jax.compiled.programs import waiting
 from remind_jax.static import Static
 
 _log = logging.getLogger("remind_jax")
@@ -52,7 +53,8 @@ class Ahead:
     def finish(self) -> None:
         """Waits for what is in preparation."""
         if self._thread is not None:
-            self._thread.join()
+            with waiting():
+                self._thread.join()
 
 
 def holds(large: Static, small: Static) -> bool:

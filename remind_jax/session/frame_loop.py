@@ -20,9 +20,9 @@ import numpy as np
 
 from remind_jax.decision import NO_ID, Reason
 from remind_jax.detectors.detector import Detector
-from remind_jax.errors import SourceError
+from remind_jax.errors import SourceError, UnreadableFrame
 from remind_jax.explanation.explainer import new_archive
-from remind_jax.frame import Frame
+from remind_jax.frame import Frame, SkippedFrame
 from remind_jax.live_page.view import LiveView
 from remind_jax.outputs.frame_record import FrameRecord
 from remind_jax.outputs.presence import UNDECIDED
@@ -36,7 +36,7 @@ from remind_jax.session.preparation import Prepared
 from remind_jax.session.progress import Progress
 from remind_jax.sources import LiveSource, Source
 from remind_jax.sources.prefetch import prefetch
-from remind_jax.sources.source import Content
+from remind_jax.sources.source import Content, SampledSource
 from remind_jax.tracks import Tracks
 
 _AHEAD = 4  # frames that are decoded and reduced before the tracker asks for them
@@ -126,7 +126,8 @@ class FrameLoop:
         """
         self._first = next(ahead, None)
         if self._first is None:
-            raise SourceError(f"'{self.source.name}' has no frames")
+            why = [f": '{one.name}' was left out, {one.reason}" for one in self.source.skipped]
+            raise SourceError(f"'{self.source.name}' has no frames{(why or [''])[0]}")
         return self._first.frame
 
     def repeat(self, ahead: Iterator[Upcoming], writer: RunWriter) -> None:
@@ -209,25 +210,38 @@ class FrameLoop:
     def _read(self) -> Generator[Upcoming, None, None]:
         """Every frame of the source, each when it is asked for."""
         waited = "decode" if self._live is None else "wait"
-        start = time.perf_counter()
-        for number, frame in enumerate(self.source):
+        number, start = 0, time.perf_counter()
+        for frame in self.source:
             spent = {waited: 1000 * (time.perf_counter() - start)}
-            if number < self.num_before:
-                _check_same(self._before[number][0], frame)
-                self.tracker.preparer.pass_over(frame, self.tracker.config)
-                yield Upcoming(frame)
+            frame = dataclasses.replace(frame, index=number)  # some may have been left out here
+            before = self._before[number][0] if number < self.num_before else None
+            upcoming = Upcoming(frame)
+            try:
+                # One that is not among those done before may be left out now as it was then.
+                if before is None or before.source_index != frame.source_index:
+                    upcoming = self._prepare(frame, spent)
+                if before is not None:
+                    _check_same(before, frame)
+                    self.tracker.preparer.pass_over(frame, self.tracker.config)
+            except UnreadableFrame as error:
+                left_out = SkippedFrame(frame.name, str(error))
+                if isinstance(self.source, SampledSource):
+                    self.source.leave_out(left_out)
+                else:
+                    self.source.skipped.append(left_out)
             else:
-                yield self._prepare(frame, spent)
+                number += 1
+                yield upcoming
             start = time.perf_counter()
 
     def _warm_up(self, content: Content) -> None:
         """Compiles and loads all for pictures of one size, so that the first does not age."""
         if content.image is None:
             return
-        if self.detector is not None:
-            self.detector(content.image)
+        found = () if self.detector is None else self.detector(content.image)
+        num_found = min(len(found), self.tracker.most_detections)
         height, width = content.image.shape[:2]
-        self._compile_s += self.tracker.warm_up((height, width))
+        self._compile_s += self.tracker.warm_up((height, width), num_detections=num_found)
 
     def _prepare(self, frame: Frame, spent: dict[str, float]) -> Upcoming:
         """Detects and reduces; takes the milliseconds that decoding took."""

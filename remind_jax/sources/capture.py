@@ -19,8 +19,8 @@ import numpy as np
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_PICTURE_PIXELS
 from remind_jax.sources.address import Address
-from remind_jax.sources.source import Content
-from remind_jax.sources.video import CONTAINERS, check_video_size, read_picture
+from remind_jax.sources.source import Content, UnreadableFrame
+from remind_jax.sources.video import CONTAINERS, DAMAGED, check_video_size, read_picture
 
 if TYPE_CHECKING:
     import av
@@ -96,22 +96,21 @@ class _Stream:
 
     def read(self) -> Picture | None:
         try:
-            frame = next(self._pictures, None)
+            return next(self._pictures, None)
         except av.error.ExitError:
             raise Lost(f"sent nothing for {self._wait_s:g} s") from None
         except (av.error.FFmpegError, OSError) as error:
             if isinstance(error, av.error.EOFError):
                 return None
             raise Lost("broke off") from None
-        return None if frame is None else functools.partial(read_picture, frame)
 
     def close(self) -> None:
         with contextlib.suppress(av.error.FFmpegError, OSError):
             self._container.close()
 
-    def _decode(self, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
+    def _decode(self, stream: av.VideoStream) -> Iterator[Picture]:
         stream.thread_type = "SLICE"  # threads by frames would hold back as many frames
-        num_damaged = 0
+        num_damaged, has_begun = 0, False
         for packet in self._container.demux(stream):
             try:
                 frames = packet.decode()
@@ -119,10 +118,17 @@ class _Stream:
                 return
             except av.error.InvalidDataError:
                 frames = []
+                if has_begun:  # before, it may be the middle of what began earlier
+                    yield _read_damaged
             num_damaged = 0 if frames else num_damaged + 1
             if num_damaged > _MAX_DAMAGED:
                 raise Lost("sends nothing that can be decoded")
-            yield from frames
+            has_begun = has_begun or bool(frames)
+            yield from (functools.partial(read_picture, frame) for frame in frames)
+
+
+def _read_damaged() -> Content:
+    raise UnreadableFrame(DAMAGED)
 
 
 def _video_of(container: av.container.InputContainer, address: Address) -> av.VideoStream:

@@ -228,7 +228,9 @@ def _from_mapping(
     else:
         planes = _as_planes(host_array(masks, "masks"), frame_size)
     if labels is None and parts.get("class_ids") is not None:
-        labels = name_classes(parts["class_ids"], parts.get("class_names") or class_names)
+        names = parts.get("class_names")
+        names = names.tolist() if isinstance(names, np.ndarray) else names
+        labels = name_classes(parts["class_ids"], names or class_names)
     scores, ids = parts.get("scores"), parts.get("instance_ids")
     return Detections.create(planes, labels, scores, ids)
 

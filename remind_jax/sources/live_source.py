@@ -165,7 +165,7 @@ class LiveSource(SampledSource):
         news, self._news = self._news, []
         return [*self._live.feed.take_news(), *news]
 
-    def _leave_out(self, frame: SkippedFrame) -> None:
+    def leave_out(self, frame: SkippedFrame) -> None:
         """Counts pictures by reason, since there is no end of them; the first is news."""
         for place, other in enumerate(self.skipped):
             if other.reason == frame.reason:

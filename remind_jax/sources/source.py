@@ -140,7 +140,7 @@ class SampledSource:
                 try:
                     frame = self._read(entry, index, first_size)
                 except UnreadableFrame as error:
-                    self._leave_out(SkippedFrame(entry.name, str(error)))
+                    self.leave_out(SkippedFrame(entry.name, str(error)))
                     continue
                 if first_size is None and frame.image is not None:
                     first_size = frame.size
@@ -161,7 +161,8 @@ class SampledSource:
             "reopen": self._reopen,
         }
 
-    def _leave_out(self, frame: SkippedFrame) -> None:
+    def leave_out(self, frame: SkippedFrame) -> None:
+        """Notes that a frame is skipped."""
         self.skipped.append(frame)
 
     def _read(self, entry: Entry, index: int, first_size: tuple[int, int] | None) -> Frame:

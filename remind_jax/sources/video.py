@@ -25,6 +25,7 @@ else:
     av = lazy_loader.load("av")  # takes long, and a live tracker of given images reads no video
 
 # Kinds of files that hold videos themselves: no lists of other files or addresses, no text.
+DAMAGED = "the picture is damaged"
 CONTAINERS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,flv,asf,ogg,gif,apng,"
     "h264,hevc,av1,obu,ivf,yuv4mpegpipe,mxf,nut,mjpeg,dv,rm,wtv,wav"
@@ -176,7 +177,7 @@ def read_picture(frame: av.VideoFrame) -> Content:
       UnreadableFrame: If it is damaged.
     """
     if frame.is_corrupt:
-        raise UnreadableFrame("the picture is damaged")
+        raise UnreadableFrame(DAMAGED)
     image = frame.to_ndarray(format="rgb24")
     quarter_turns = round(frame.rotation / 90) % 4
     return Content(np.ascontiguousarray(np.rot90(image, quarter_turns)) if quarter_turns else image)

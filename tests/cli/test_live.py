@@ -45,7 +45,9 @@ def test_a_stream_ends_when_nothing_more_comes(command, live):
     assert "and the run with it" in outcome.stdout
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 def test_a_signal_ends_a_run_that_waits_for_its_source(
     command, camera, live, monkeypatch, number, code
 ):

@@ -140,6 +140,8 @@ def test_a_callable_may_answer_in_any_known_form():
     assert plain(FRAME).labels == ("1",)
     assert np.asarray(named(FRAME).masks).sum() == 6 * 2
     assert named(FRAME).labels == ("chair",)
+    own_names = as_detector(lambda image: boxes_only(image) | {"class_names": np.array(["a", "b"])})
+    assert own_names(FRAME).labels == ("b",)
     nothing = as_detector(lambda image: None)
     assert nothing(FRAME).masks.shape == (0, 192, 256)
 

@@ -1,5 +1,7 @@
 """The memory on the device: growth changes no answer, an interruption loses none."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -124,3 +126,18 @@ def test_features_of_another_width_are_refused():
         tracker.update(wider, labels)
     with pytest.raises(SourceError, match="brings none of its own"):
         tracker.update(image, labels)
+
+
+def test_a_frame_that_waits_for_room_in_preparation_tells_so(looks_ahead, monkeypatch):
+    def prepare(memory, make_input, static):
+        time.sleep(1.0)  # a compiler that is late
+
+    static = {"num_detections": 4, "num_objects": 4, "num_pending": 4}
+    tracker = Tracker({"tracker": "bank", "static": static})
+    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=8)
+    monkeypatch.setattr(growing_memory.GrowingMemory, "_prepare", prepare)
+    for index in range(16):
+        tracker.update(*things(index))
+        if tracker.has_grown:
+            break
+    assert tracker.compile_s > 0.1

@@ -70,6 +70,20 @@ def test_a_tracker_slower_than_the_stream_skips_and_never_lags():
     assert np.median(np.diff(behind)) >= 2  # the camera went on meanwhile
 
 
+def test_room_is_made_for_what_is_found_in_the_first_picture():
+    cells = np.kron(np.arange(1, 41).reshape(5, 8), np.ones((24, 24), int))
+
+    def crowd(image):
+        found = np.zeros(image.shape[:2], int)
+        found[: cells.shape[0], : cells.shape[1]] = cells
+        return found
+
+    with Camera(fps=20) as camera:
+        result = run(camera, detector=crowd, sampling={"max_frames": 3})
+    assert len(result.tracks[0]) > 32  # more than there is room for by itself
+    assert not result.grown_at
+
+
 def test_identities_outlive_a_camera_that_drops_out(tmp_path):
     seen = []
     with Camera(fps=20) as camera:

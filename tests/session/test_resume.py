@@ -89,6 +89,24 @@ def test_what_waits_and_traces_survive(tmp_path, options):
         jax.tree.map(np.testing.assert_array_equal, one, other)
 
 
+def test_frames_that_the_detector_finds_too_much_in_are_left_out_then_as_well(tmp_path):
+    def detect(image):
+        (index,) = [n for n, (other, _) in enumerate(PICTURES) if np.array_equal(image, other)]
+        return np.zeros((9000, 2, 2), bool) if index in (1, 5) else PICTURES[index][1]
+
+    images = [image for image, _ in PICTURES]
+    given = {"pictures": images, "detector": detect, "announce_after": 1}
+    result = track(tmp_path / "whole", **given)
+    assert [one.name for one in result.skipped] == ["000001", "000005"]
+    assert "9000 detections" in result.skipped[0].reason
+    assert [tracks.frame_index for tracks in result.tracks] == list(range(NUM - 2))
+    break_off(tmp_path / "run", 4, **given)
+    track(tmp_path / "run", resume=True, **given)
+    assert compare_runs(tmp_path / "whole", tmp_path / "run") == []
+    with pytest.raises(SourceError, match=r"has no frames: '000000' was left out, .*9000 detect"):
+        track(tmp_path / "none", [images[1]], detector=detect)
+
+
 def test_what_the_checkpoint_has_not_seen_is_left_out(tmp_path, whole):
     break_off(tmp_path / "run", 5)
     journal = tmp_path / "run" / CHECKPOINT_NAME / checkpoint.FRAMES_NAME

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import remind_jax as rj
-from remind_jax.errors import SourceError
+from remind_jax.errors import SourceError, UnreadableFrame
 from remind_jax.sources import capture
 from remind_jax.sources.address import read_address
 from remind_jax.sources.capture import Lost, Unreachable, open_capture
 from tests.cli.scenes import write_video
-from tests.sources.cameras import Camera, number_in
+from tests.sources.cameras import Camera, jpeg, number_in
 
 pytestmark = pytest.mark.heavy
 
@@ -89,6 +89,21 @@ def test_pictures_of_a_stream_come_one_by_one():
             numbers.append(number_in(content.image))
         stream.close()
     assert numbers == list(range(numbers[0], numbers[0] + 5))
+
+
+def test_a_picture_that_cannot_be_decoded_is_told():
+    """But for those before the first good one, which may be the end of something."""
+
+    def make(number):
+        return b"\xff" * 500 if number % 2 else jpeg(number)
+
+    with Camera(fps=100, make=make) as camera:
+        stream = open_url(camera.url)
+        stream.read()()
+        with pytest.raises(UnreadableFrame, match="the picture is damaged"):
+            stream.read()()
+        stream.read()()
+        stream.close()
 
 
 def test_a_password_opens_a_stream():
