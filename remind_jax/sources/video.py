@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 else:
     av = lazy_loader.load("av")  # takes long, and a live tracker of given images reads no video
 
-# Kinds of files that hold videos themselves: no lists of other files or addresses, no text.
 DAMAGED = "the picture is damaged"
+# Kinds of files that hold videos themselves: no lists of other files or addresses, no text.
 CONTAINERS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,flv,asf,ogg,gif,apng,"
     "h264,hevc,av1,obu,ivf,yuv4mpegpipe,mxf,nut,mjpeg,dv,rm,wtv,wav"
