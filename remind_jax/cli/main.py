@@ -50,7 +50,7 @@ First steps:
 
 Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
 2 wrong usage; 70 a defect of remind, told with a file to report;
-130 stopped by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP; everything done so far is kept."""
+130 stopped by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP: what was done is kept."""
 
 
 class Verb(Protocol):

@@ -19,7 +19,6 @@ ERROR = 1  # input, configuration or output is wrong: one sentence on stderr
 USAGE = 2  # the words of the command make no sense
 FAILED = 70  # a defect of ours: the traceback is in a file
 INTERRUPTED = 130  # Ctrl-C, after finishing what was done
-TERMINATED = 143  # SIGTERM, the same, and so on for others
 BROKEN_PIPE = 141  # the reader of our output went away
 
 _TURN_S = 0.0005
