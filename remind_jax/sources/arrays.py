@@ -98,6 +98,8 @@ def _length(items: Iterable[Any]) -> int | None:
     shape = getattr(items, "shape", None)
     if shape == ():
         raise SourceError("an array of no dimensions is no source of frames; give [T, H, W, 3]")
+    if shape is not None and len(shape) == 3 and shape[2] in (3, 4):
+        raise SourceError(f"an array {[*shape]} is one picture; give [T, H, W, 3], or [picture]")
     return len(items) if isinstance(items, Sized) else None
 
 

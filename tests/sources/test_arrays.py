@@ -79,6 +79,8 @@ def test_things_without_frames():
     for spec in (3.5, object()):
         with pytest.raises(SourceError, match="is no source of frames"):
             open_source(spec)
+    with pytest.raises(SourceError, match=r"an array \[4, 5, 3\] is one picture"):
+        open_source(np.zeros((4, 5, 3), np.uint8))
 
 
 def test_masks_in_memory():
