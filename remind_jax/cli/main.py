@@ -93,12 +93,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if words[0] == "help":
         words = [*words[1:], "--help"]
+    code = process.FINE
     with streams.own_streams() as chatter:
         try:
             code = _execute(words, chatter)
             sys.stdout.flush()
             return code
         except streams.OutputStops as error:
+            if code != process.FINE:  # a signal, such as that the terminal was closed
+                return code
             if error.is_reader_gone:
                 return process.BROKEN_PIPE
             process.complain(f"cannot write to standard output: {error}; send it elsewhere")

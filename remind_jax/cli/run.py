@@ -26,6 +26,7 @@ from remind_jax.cli.flags import (
     load_config_with,
 )
 from remind_jax.cli.progress import RunDisplay
+from remind_jax.cli.streams import OutputStops
 from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.errors import RemindError, SourceError
 from remind_jax.printing.terminal import print_lines, printable
@@ -132,10 +133,14 @@ class Run:
             return process.stopped_by(display.signal)
         if not (display.num_done or self.quiet or self.json):
             print_lines(f"the run in {out} is finished already; nothing was done")
-        if self.json:
-            print(json.dumps(summary_facts(result, out), indent=1))
-        elif not self.quiet:
-            print_summary(result, out)
+        try:
+            if self.json:
+                print(json.dumps(summary_facts(result, out), indent=1))
+            elif not self.quiet:
+                print_summary(result, out)
+        except OutputStops:
+            if display.signal is None:  # else the terminal may be what was closed
+                raise
         was_stopped = stop is not None and display.signal is not None
         is_fine = result.complete and not was_stopped
         return process.FINE if is_fine else process.stopped_by(display.signal)

@@ -40,6 +40,7 @@ class View:
 
         info = Result.load(self.run).info
         notes = []
+        is_moved = self.source is not None and bool((info.source or {}).get("reopen"))
         if self.source is not None:
             refuse_folder(self.run, [self.source], may_hold=True)
             for name in FILE_NAMES:
@@ -50,7 +51,7 @@ class View:
                 frames = reopen_source(info.source or {"name": info.name})
             except SourceError as error:
                 frames, notes = None, [f"drawn without the frames: {error}"]
-        result = render_again(self.run, frames)
+        result = render_again(self.run, frames, is_moved=is_moved)
         if not self.quiet:
             print_summary(result, self.run, notes)
 

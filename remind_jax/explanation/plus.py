@@ -215,7 +215,7 @@ def _explain_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
         yield f"no known {e.label} is free to be it"
         return
     for place, candidate in enumerate(e.candidates[:2]):
-        lead = "most likely" if place == 0 else "next comes"
+        lead = "the likeliest of the known is" if place == 0 else "next comes"
         yield (
             f"{lead} {candidate.name}, log odds {change(candidate.log_odds)}, probability "
             f"{number(candidate.probability)}: {_weigh(candidate)}"

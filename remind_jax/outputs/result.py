@@ -65,11 +65,12 @@ class Result(Printable):
     def _summarize(self) -> SmallTable:
         facts, objects = self.summary(), self.objects()
         stopped = "" if self.complete else ", interrupted"
+        odd = [event for event in self.events if event.kind == "features"]
         return SmallTable(
             f"run '{self.info.name}'{stopped}: {facts['frames']} frames, "
             f"{len(objects)} identities, {facts['returns']} returns, "
             f"{100 * facts['undecided_share']:.1f} % undecided",
-            self.info.facts(),
+            (*self.info.facts(), *(event.message for event in odd[:1])),
             ("identity", "first frame", "last frame", "frames seen", "returns"),
             [
                 (

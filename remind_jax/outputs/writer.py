@@ -208,19 +208,22 @@ class RunWriter:
                 (self.folder / f"{name}.part").unlink(missing_ok=True)
 
 
-def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> Result:
+def render_again(
+    run_dir: str | Path, source: Iterable[Frame] | None = None, *, is_moved: bool = False
+) -> Result:
     """Draws overlay and report of a finished or interrupted run anew.
 
     Args:
       source: The frames that the run was made from, in order, as they are sampled; frames that
         the run does not know are passed over. Without it the overlay stays as it is (drawn on
         gray if there is none), and the crops are taken from the earlier report.
+      is_moved: They were at another place, so a source that has more of them is another one.
 
     Returns:
       The run.
 
     Raises:
-      OutputError: If the folder holds no run, `source` lacks frames of it, or writing fails.
+      OutputError: If the folder holds no run, `source` is another one, or writing fails.
     """
     folder = Path(run_dir)
     result = Result.load(folder)
@@ -228,7 +231,8 @@ def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> 
         sightings = report.read_sightings(folder / report.REPORT_NAME) if source is None else []
         has_overlay = overlay.is_playable(folder / OVERLAY_NAME)
         if source is not None or not sightings or not has_overlay:
-            images = (None for _ in result.tracks) if source is None else _images(result, source)
+            none = (None for _ in result.tracks)
+            images = none if source is None else _images(result, source, is_moved)
             drawn = _draw_overlay_again(folder, result, images, keep=source is None and has_overlay)
             sightings = sightings or drawn
         _write_products(folder, result, sightings)
@@ -259,7 +263,7 @@ def _draw_overlay_again(
     return collector.sightings
 
 
-def _images(result: Result, source: Iterable[Frame]) -> Iterable[np.ndarray | None]:
+def _images(result: Result, source: Iterable[Frame], is_moved: bool) -> Iterable[np.ndarray | None]:
     """The images of the frames of the run, matched by their number in the source.
 
     Of a live run there is only what was recorded, which is the frames that it took and no others.
@@ -274,7 +278,19 @@ def _images(result: Result, source: Iterable[Frame]) -> Iterable[np.ndarray | No
                 f"the source has no frame {tracks.source_index} ('{tracks.name}'), which the run "
                 "knows; give the source and sampling that the run was made with"
             )
+        if frame.image is not None and frame.size != tracks.frame_size:
+            (height, width), (was_height, was_width) = frame.size, tracks.frame_size
+            raise OutputError(
+                f"frame {tracks.source_index} of the source is {width}x{height}, that of the run "
+                f"{was_width}x{was_height} pixels; give the source that the run was made with"
+            )
         yield frame.image
+    has_all = result.complete and not result.skipped and not is_live
+    if has_all and is_moved and next(frames, None) is not None:
+        raise OutputError(
+            f"the source has more frames than the {len(result)} of the run; give the source that "
+            "the run was made with"
+        )
 
 
 def _write_products(folder: Path, result: Result, sightings: list[gallery.Sighting]) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import cv2
 import jax
+import msgspec
 import numpy as np
 
 import remind_jax
@@ -122,6 +123,11 @@ def describe_run(loop: FrameLoop, frame_size: tuple[int, int], brings_features: 
     announcing = dataclasses.replace(config.input, announce_after=tracker.announce_after)
     # Capacities are those of a memory, if there is one.
     config = dataclasses.replace(config, static=tracker.static, input=announcing)
+    described = None
+    if detector is not None:  # maybe in numbers of NumPy, or with a path
+        described = msgspec.to_builtins(
+            detector.describe(), enc_hook=lambda one: getattr(one, "tolist", one.__str__)()
+        )
     return RunInfo(
         name=source.name,
         source=source.describe(),
@@ -137,7 +143,7 @@ def describe_run(loop: FrameLoop, frame_size: tuple[int, int], brings_features: 
         },
         device=jax.devices()[0].device_kind,
         started_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        detector=None if detector is None else detector.describe(),
+        detector=described,
         known_objects=tuple(
             KnownObject(one.object_id, one.label, one.name) for one in tracker.objects()
         ),

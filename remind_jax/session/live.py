@@ -287,6 +287,8 @@ class Tracker(Printable):
         number = 0 if self.state is None else int(self.state.frame)
         frame = frame if isinstance(frame, Frame) else frame_of(frame, number)
         if time_s is not None:
+            clock: Any = time_s  # maybe an array of no dimensions
+            time_s = clock.item() if getattr(clock, "shape", None) == () else clock
             frame = dataclasses.replace(frame, time_s=time_s, is_timed=True)
         check_frame(frame)
         # Those of a source that is opened again begin anew, what is remembered of objects does not.
@@ -393,10 +395,10 @@ class Tracker(Printable):
         """As `save`, and returns only when it is on the disk: for loops that may be cut off.
 
         A crash or a power cut leaves the memory before or this one. The first call writes
-        everything, later ones add to the file what changed since: the working set, and other
-        objects that were seen. What another program changed since, or since `load` read the same
-        file last, is not written over. Call it every so many seconds, and `load` the file at the
-        next start.
+        everything, over any file that was not loaded, later ones add to the file what changed
+        since: the working set, and other objects that were seen. What another program changed
+        since, or since `load` read the same file last, is not written over. Call it every so many
+        seconds, and `load` the file at the next start.
 
         Raises:
           OutputError: If the file cannot be written, or another program changed it since the last

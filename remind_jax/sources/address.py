@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import stat
 from numbers import Integral
@@ -18,6 +19,7 @@ _MAX_LETTERS = 2000  # of an address
 _HIDDEN = "***"
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 _DEVICE = re.compile(r"/dev/video\d+")
+_VIDEO_DEVICES = 81  # major number on Linux
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,10 +100,11 @@ def _stream(url: str, scheme: str) -> Address:
 
 
 def _is_device(text: str) -> bool:
-    """Whether it is the path of a device, such as /dev/v4l/by-id/..."""
+    """Whether it is the path of a video device, such as /dev/v4l/by-id/..."""
     if not text.startswith("/dev/"):
         return False
     try:
-        return stat.S_ISCHR(Path(text).stat().st_mode)
+        found = Path(text).stat()
+        return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) == _VIDEO_DEVICES
     except (OSError, ValueError):
         return False

@@ -74,9 +74,16 @@ class ArrayMasks:
     """Given masks by frame number."""
 
     def __init__(
-        self, per_frame: Sequence[Any], convert: Callable[[Any, tuple[int, int]], Detections]
+        self,
+        per_frame: Sequence[Any],
+        convert: Callable[[Any, tuple[int, int]], Detections],
+        num_frames: int | None = None,
     ) -> None:
         self.notes: list[str] = []
+        if num_frames is not None and len(per_frame) > num_frames:
+            self.notes.append(
+                f"masks were given for {len(per_frame)} frames, of which there are {num_frames}"
+            )
         self.frames = None
         self._per_frame, self._convert = per_frame, convert
 
@@ -98,11 +105,13 @@ def _length(items: Iterable[Any]) -> int | None:
     shape = getattr(items, "shape", None)
     if shape == ():
         raise SourceError("an array of no dimensions is no source of frames; give [T, H, W, 3]")
+    if shape is not None and len(shape) == 3 and shape[2] in (3, 4):
+        raise SourceError(f"an array {[*shape]} is one picture; give [T, H, W, 3], or [picture]")
     return len(items) if isinstance(items, Sized) else None
 
 
 def _read_item(item: Any, index: int, class_names: ClassNaming | None) -> Content:
-    if isinstance(item, tuple) and len(item) == 2:
+    if isinstance(item, tuple | list) and len(item) == 2:
         image = _as_image(item[0], index)
         return Content(image, detections_from(item[1], image.shape[:2], class_names))
     return Content(_as_image(item, index))

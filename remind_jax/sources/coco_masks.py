@@ -86,6 +86,10 @@ class CocoMasks:
         # All rows of a file are of one form.
         raws = decode_rows(content.annotations, dict[str, msgspec.Raw], "")
         first = next((raw.record for raw in raws if raw.record is not None), {})
+        if {"format", "info"} <= first.keys():
+            raise SourceError(
+                f"'{file}' is the record of a run, not masks; give coco_video.json beside it"
+            )
         read = self._rows_of_frames if "detections" in first else self._rows_of_annotations
         for place, row in read(content):
             if row is None:

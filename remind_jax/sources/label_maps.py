@@ -55,9 +55,11 @@ class LabelMaps:
         files = list_maps(folder)
         if not files:
             raise SourceError(f"'{folder}' holds no annotations ({', '.join(MAP_SUFFIXES)})")
-        self._file_of = match_annotations(
-            files, None if by_position else reader.entry_names, reader.num_entries
-        )
+        num = reader.num_entries
+        if isinstance(reader, VideoReader) and not any(last_number(file) == 0 for file in files):
+            num = reader.count()  # an estimate does not tell whether they are numbered from 1
+        names = None if by_position else reader.entry_names
+        self._file_of = match_annotations(files, names, num)
         if not self._file_of:
             frames = reader.entry_names
             raise SourceError(

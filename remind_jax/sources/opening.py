@@ -202,14 +202,18 @@ def _open_masks(
             return open_maps_at(path, reader, choice)
         categories = read_categories(read_bytes(named), str(named)) if named else None
         return CocoMasks(read_bytes(path), str(path), reader, categories)
-    if not isinstance(masks, Sequence) and not hasattr(masks, "__array__"):
-        if not isinstance(masks, Iterable):
-            raise SourceError(
-                f"masks of type {type(masks).__name__} are not understood; give a path, instance "
-                "maps [T, H, W] or one item per frame"
-            )
-        masks = list(masks)
-    return ArrayMasks(masks, functools.partial(detections_from, class_names=class_names))
+    is_one = isinstance(masks, Mapping | bytes) or getattr(masks, "shape", None) == ()
+    is_list = isinstance(masks, Sequence) or hasattr(masks, "__array__")
+    if is_one or not (is_list or isinstance(masks, Iterable)):
+        raise SourceError(
+            f"masks of type {type(masks).__name__} are not understood; give a path, instance "
+            "maps [T, H, W] or one item per frame"
+        )
+    masks = masks if is_list else list(masks)
+    # The length of a video may be an estimate.
+    num_frames = reader.num_entries if isinstance(reader, ItemReader) else None
+    convert = functools.partial(detections_from, class_names=class_names)
+    return ArrayMasks(masks, convert, num_frames)
 
 
 def _existing(path: str | Path) -> Path:

@@ -71,6 +71,14 @@ class VideoReader:
                 index += 1
         self._report_missing(index, time_s, is_damaged, report)
 
+    def count(self) -> int | None:
+        """Frames; where the container does not say, by reading the whole file."""
+        if self.num_entries is not None and self.end_s is None:
+            return self.num_entries
+        with self._open() as container, contextlib.suppress(av.error.FFmpegError):
+            packets = container.demux(_video_stream(container, self._file))
+            return sum(packet.size > 0 for packet in packets)
+
     @contextlib.contextmanager
     def _open(self) -> Iterator[av.container.InputContainer]:
         options = {"format_whitelist": CONTAINERS, "max_pixels": str(MAX_PICTURE_PIXELS)}

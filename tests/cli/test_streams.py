@@ -80,6 +80,13 @@ def test_full_standard_output_is_told_in_one_sentence(scored):
     assert finished.returncode == exit_codes.ERROR
 
 
+@pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
+def test_full_standard_output_hides_no_signal():
+    with FULL.open("w") as full:
+        code = textwrap.dedent(CHATTER.format(end="print('done'); return 129"))
+        assert run([sys.executable, "-c", code], stdout=full).returncode == 129
+
+
 def test_a_reader_that_goes_away_is_no_error(scored):
     with subprocess.Popen(
         [*REMIND, *SCORES], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=QUIET, cwd=scored

@@ -1,3 +1,4 @@
+import dataclasses
 import errno
 import json
 import os
@@ -193,5 +194,11 @@ def test_a_source_that_lacks_frames_is_refused_and_nothing_is_lost(tmp_path, mad
     before = (tmp_path / "overlay.mp4").read_bytes()
     with pytest.raises(OutputError, match=r"the source has no frame 20 \('000020.jpg'\)"):
         render_again(tmp_path, made[0][:10])
+    with pytest.raises(OutputError, match="frame 0 of the source is 80x64, that of the run 160x1"):
+        render_again(tmp_path, make_run(num_frames=30, size=(64, 80))[0])
+    dataclasses.replace(made[1], skipped=()).save_run_json(tmp_path)
+    longer = [*made[0], dataclasses.replace(made[0][-1], source_index=99)]
+    with pytest.raises(OutputError, match="has more frames than the 30 of the run"):
+        render_again(tmp_path, longer, is_moved=True)
     assert (tmp_path / "overlay.mp4").read_bytes() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILE_NAMES)

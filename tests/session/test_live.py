@@ -105,6 +105,8 @@ def test_a_camera_may_give_one_buffer_again_and_again():
     assert tracks.time_s == 0.2  # the third of ten a second, where no clock tells
     for left, right in zip(*map(jax.tree.leaves, (own.state, shared.state)), strict=True):
         np.testing.assert_array_equal(left, right)
+    for clock in (np.array(1.0), jax.numpy.float32(1.5)):
+        assert own.update(image, labels, time_s=clock).time_s == float(clock)
 
 
 def test_a_memory_that_is_refused_changes_nothing(tmp_path):

@@ -6,7 +6,9 @@ All runs share the compiled program of the tests of the live tracker.
 import importlib.metadata
 import itertools
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import av
@@ -63,6 +65,7 @@ def test_features_that_are_not_finite_are_left_out_and_reported():
     (event,) = result.events
     assert (event.frame_index, event.kind) == (1, "features")
     assert event.message.startswith("2 patches were left out")
+    assert event.message in repr(result)
 
 
 def test_three_objects_keep_their_identity(whole):
@@ -197,6 +200,22 @@ def test_more_detections_and_objects_than_fit_change_nothing(whole):
     assert grown.events == ()
     assert grown.grown_at
     assert identities(grown) == identities(whole)
+
+
+def test_a_detector_may_describe_itself_in_numbers_of_numpy(tmp_path):
+    class Whole:
+        def __init__(self):
+            self.dropped = Counter()
+
+        def __call__(self, image):
+            return Detections.create(np.ones((1, *image.shape[:2]), bool))
+
+        def describe(self):
+            return {"confidence": np.float32(0.5), "sizes": np.arange(2), "file": Path("a.onnx")}
+
+    rj.run(PICTURES[:1], detector=Whole(), out=tmp_path, overlay=False)
+    said = {"confidence": 0.5, "sizes": [0, 1], "file": "a.onnx"}
+    assert Result.load(tmp_path).info.detector == said
 
 
 def test_viewers_get_every_frame(tmp_path):

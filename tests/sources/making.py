@@ -3,6 +3,8 @@
 import json
 import struct
 import zlib
+from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -89,7 +91,12 @@ LABELS = {"id_to_label": {"1": "cup_01", "2": "desk_lamp_3"}}
 
 
 def write_video(
-    path: Path, num: int = 20, codec: str = "libx264", fps: int = 10, **options: str
+    path: Path,
+    num: int = 20,
+    codec: str = "libx264",
+    fps: int = 10,
+    times: Sequence[int] | None = None,
+    **options: str,
 ) -> None:
     with av.open(str(path), "w", options=options) as container:
         stream = container.add_stream(codec, rate=fps)
@@ -97,6 +104,8 @@ def write_video(
         stream.pix_fmt, stream.gop_size = "yuv420p", 5  # pyright: ignore[reportAttributeAccessIssue]
         for index in range(num):
             frame = av.VideoFrame.from_ndarray(picture(index), format="rgb24")
+            if times is not None:
+                frame.pts, frame.time_base = times[index], Fraction(1, fps)
             container.mux(stream.encode(frame))  # pyright: ignore
         container.mux(stream.encode())  # pyright: ignore[reportAttributeAccessIssue]
 

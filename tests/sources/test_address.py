@@ -22,7 +22,7 @@ def test_numbers_and_devices_are_cameras(tmp_path, monkeypatch):
 
 
 def test_all_else_is_no_address():
-    for spec in ("rooms.mp4", "frames/", "C:/x.mp4", True, None, [1], 1.0):
+    for spec in ("rooms.mp4", "frames/", "C:/x.mp4", "/dev/null", True, None, [1], 1.0):
         assert read_address(spec) is None
     assert hide_secrets("frames/a@b:c") == "frames/a@b:c"
 

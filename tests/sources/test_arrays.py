@@ -23,7 +23,7 @@ def test_array_of_images():
 
 def test_pairs_of_image_and_detections():
     pairs = [(making.picture(i), making.instance_map(ids=(i + 1,))) for i in range(3)]
-    frames = list(open_source(pairs, class_names={1: "a", 2: "b", 3: "c"}))
+    frames = list(open_source([*pairs[:2], [*pairs[2]]], class_names={1: "a", 2: "b", 3: "c"}))
     assert [f.detections.labels for f in frames] == [("a",), ("b",), ("c",)]
 
 
@@ -79,6 +79,8 @@ def test_things_without_frames():
     for spec in (3.5, object()):
         with pytest.raises(SourceError, match="is no source of frames"):
             open_source(spec)
+    with pytest.raises(SourceError, match=r"an array \[4, 5, 3\] is one picture"):
+        open_source(np.zeros((4, 5, 3), np.uint8))
 
 
 def test_masks_in_memory():
@@ -91,6 +93,11 @@ def test_masks_per_frame_of_any_form():
     maps = [making.instance_map(), None, {"boxes": [[0, 0, 4, 4]], "labels": ["cup"]}]
     found = [frame.detections.labels for frame in open_source(pictures(3), masks=maps)]
     assert found == [("object", "object"), (), ("cup",)]
+    for wrong in (maps[2], np.array(5), b"a", 5):
+        with pytest.raises(SourceError, match=r"masks of type \w+ are not"):
+            open_source(pictures(3), masks=wrong)
+    (note,) = open_source(pictures(2), masks=maps).notes
+    assert note == "masks were given for 3 frames, of which there are 2"
 
 
 def test_masks_and_sampling_that_do_not_fit_the_frames_are_told():

@@ -226,6 +226,8 @@ def test_files_that_are_no_detections_of_these_frames_are_refused(tmp_path):
     ):
         with pytest.raises(SourceError, match=r"d\.json"):
             opened(tmp_path, content)
+    with pytest.raises(SourceError, match="record of a run, not masks"):
+        opened(tmp_path, [{"format": "remind-jax run", "info": {}}])
 
 
 def test_categories():

@@ -57,6 +57,14 @@ def test_frames_without_annotation_are_told(tmp_path, name, told):
     assert "".join(notes).startswith(told)
 
 
+def test_masks_numbered_from_one_belong_to_a_video_of_a_length_that_is_only_estimated(tmp_path):
+    making.write_video(tmp_path / "v.mkv", 6, times=(0, 1, 5, 6, 20, 21))
+    for number in range(1, 7):
+        making.write_map(tmp_path / f"m/{number}.png", ids=(number,))
+    frames = open_source(tmp_path / "v.mkv", masks=tmp_path / "m")
+    assert [f.detections.instance_ids.tolist() for f in frames] == [[i] for i in range(1, 7)]
+
+
 def test_masks_of_other_frames_are_refused(tmp_path):
     making.write_images(tmp_path / "v", ["7.jpg", "8.jpg"])
     making.write_map(tmp_path / "m" / "a1.png")
