@@ -27,6 +27,7 @@ class Record:
     error: str = ""  # why it failed
     num_kills: Count = 0  # processes that ended during this run
     num_frames: Count = 0
+    num_skipped: Count = 0  # frames that could not be read, and are in no score
     # Milliseconds per frame, mean and 95th percentile, as columns of the tables name them. `step`:
     # the tracker alone; `frame`: detector, features, masks and step; `compiling`: with the frames
     # that compiled, which the others leave out.

@@ -140,6 +140,7 @@ def _run_one(
         blank,
         status="done",
         num_frames=len(result),
+        num_skipped=sum(frame.count for frame in result.skipped),
         times_ms=_mean_and_p95("frame", frame_ms[steady])
         | _mean_and_p95("compiling", frame_ms)
         | _mean_and_p95("step", step_ms[steady]),

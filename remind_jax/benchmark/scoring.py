@@ -51,6 +51,17 @@ def read_truth(scene: Scene, sampling: Sampling | None = None) -> TrackRows:
     return rows.finish(scene.name, len(names), class_names=tuple(labels), frame_names=names)
 
 
+def score_scene(
+    out: Path, records: Sequence[Record], scene: Scene, sampling: Sampling | None = None
+) -> list[Scored]:
+    """Scores the runs on one scene; all have failed if its annotations cannot be read."""
+    try:
+        truth = read_truth(scene, sampling)
+    except RemindError as error:  # a run with a detector has not read them
+        return [Scored(record, error=record.error or str(error)) for record in records]
+    return [score(out, record, truth) for record in records]
+
+
 def score(out: Path, record: Record, truth: TrackRows) -> Scored:
     """Scores one run against the annotations of its scene."""
     if record.status != "done":

@@ -9,6 +9,7 @@ from remind_jax.benchmark.scoring import Scored, by_contender, summarize
 from remind_jax.benchmark.tours import AXES
 from remind_jax.files import make_folder
 from remind_jax.metrics.comparison import Column, ComparisonTable, Row
+from remind_jax.printing.words import plural
 
 _MAIN: tuple[str | Column, ...] = (
     "IDF1",
@@ -58,8 +59,10 @@ def make_tables(
     for name, own in by_title.items():
         scores, intervals = summarize(own)
         num_failed = sum(run.strict is None for run in own)
-        note = f"{num_failed} of {len(own)} scenes failed" if num_failed else ""
-        rows.append(Row(name, scores, intervals, note))
+        num_skipped = sum(run.record.num_skipped for run in own)
+        notes = [f"{num_failed} of {len(own)} scenes failed"] if num_failed else []
+        notes += [f"{plural(num_skipped, 'frame')} skipped"] if num_skipped else []
+        rows.append(Row(name, scores, intervals, "; ".join(notes)))
     legend = [_UNDECIDED, _STEP]
     if any(row.intervals for row in rows):
         legend.append("Below scores: 95 % bootstrap intervals over scenes.")

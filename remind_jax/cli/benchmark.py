@@ -115,12 +115,12 @@ class Benchmark:
         return annotated
 
     def _score(self, records: list[Record], scenes: tuple[Scene, ...]) -> list[Scored]:
-        from remind_jax.benchmark.scoring import read_truth, score
+        from remind_jax.benchmark.scoring import score_scene
 
         scored = []
         for scene in scenes:
-            truth = read_truth(scene, self.sampling)
-            scored += [score(self.out, r, truth) for r in records if r.scene == scene.name]
+            of_scene = [record for record in records if record.scene == scene.name]
+            scored += score_scene(self.out, of_scene, scene, self.sampling)
         return scored
 
     def _show(self, tables: dict[str, ComparisonTable], runs: list[Scored]) -> None:

@@ -17,6 +17,7 @@ from remind_jax.metrics.opening import (
     open_scenes,
 )
 from remind_jax.printing.small_table import Printable
+from remind_jax.printing.words import first_of
 
 Score = TypeVar("Score")
 
@@ -141,7 +142,11 @@ def open_stream(
 
 
 def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str | None], list[str]]:
-    """The prediction of each scene of the truth, None without one; and notes about the others."""
+    """The prediction of each scene of the truth, None without one; and notes about the others.
+
+    Raises:
+      SourceError: If no scene has one.
+    """
     if len(truth.names) == len(predictions.names) == 1:
         return {truth.names[0]: predictions.names[0]}, []
     known = {_last_part(name): name for name in predictions.names}
@@ -149,6 +154,12 @@ def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str 
         scene: scene if scene in predictions.read else known.get(_last_part(scene))
         for scene in truth.names
     }
+    if not any(partner.values()):
+        theirs, ours = (first_of(side.names, MAX_NAMED) for side in (predictions, truth))
+        raise SourceError(
+            f"'{predictions.path}' predicts no scene of '{truth.path}': it holds {theirs}, and the "
+            f"truth {ours}; name its files or folders as the scenes of the truth"
+        )
     extra = sorted(set(predictions.names) - set(partner.values()))
     notes = []
     if extra:

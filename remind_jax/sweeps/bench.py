@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -320,6 +321,10 @@ def _as_list(scenes: Any) -> list[Any]:
     found = list(scenes) if is_many else [scenes]
     if not found:
         raise SweepError("there are no scenes to sweep over; give at least one")
+    paths = [os.path.realpath(one) for one in found if isinstance(one, (str, Path))]
+    twice = [path for path in paths if paths.count(path) > 1]
+    if twice:  # cross-validation would choose by the scene that it holds out
+        raise SweepError(f"'{twice[0]}' is given twice; give each scene once")
     return found
 
 

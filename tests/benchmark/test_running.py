@@ -8,7 +8,7 @@ import pytest
 from remind_jax.benchmark import running
 from remind_jax.benchmark.running import peak_rss_mib, reset_peak
 from remind_jax.benchmark.scenes import find_scenes
-from remind_jax.benchmark.scoring import read_truth, score
+from remind_jax.benchmark.scoring import read_truth, score, score_scene
 from remind_jax.benchmark.tables import list_failures, make_tables
 
 from .runs import METHODS, given, run
@@ -109,6 +109,24 @@ def test_a_run_that_fails_is_counted_and_the_others_go_on(setup, dataset, tmp_pa
     assert new == []
     _, new = run(dataclasses.replace(setup, retry_failed=True), scenes, ("iou",))
     assert new == [("alike-1", "iou")]
+
+
+def test_truth_that_cannot_be_read_costs_its_scene_only(setup, dataset, tmp_path):
+    """A run of a detector is done then all the same; and a skipped frame is told."""
+    broken = tmp_path / "broken"
+    shutil.copytree(dataset, broken)
+    next((broken / "light-1" / "JPEGImages").rglob("*.jpg")).write_bytes(b"no picture")
+    scenes = find_scenes(broken)
+    records, _ = run(setup, scenes, ("iou",))
+    for file in (broken / "alike-1" / "Annotations").rglob("*.png"):
+        file.write_bytes(b"no picture")
+    runs = [
+        one for s, r in zip(scenes, records, strict=True) for one in score_scene(setup.out, [r], s)
+    ]
+    assert [run.strict is None for run in runs] == [True, False]
+    assert "no instance maps that can be used" in runs[0].error
+    table = make_tables(runs, {}, "masks")["masks"]
+    assert table.rows[0].note == "1 of 2 scenes failed; 1 frame skipped"
 
 
 def test_peak_memory_can_start_anew():

@@ -26,6 +26,15 @@ def test_predictions_of_any_format_in_one_table(tmp_path: Path):
     assert "**100.00** (100.0 to 100.0)" in table.to_markdown()
 
 
+def test_predictions_of_no_scene_say_which_scenes_there_are(tmp_path: Path):
+    """As a run in a folder of another name, beside others that could be scored."""
+    truth = made.write_davis(tmp_path / "truth", TRUTH)
+    masks = made.write_maps(tmp_path / "masks", TRUTH)
+    run = made.write_maps(tmp_path / "runs", {"mine": TRUTH["one"]})
+    with pytest.raises(RemindError, match=r"runs' predicts no scene of .*: it holds mine, and the"):
+        rj.compare(truth, [masks, run], num_resamples=0)
+
+
 def test_one_scene_has_intervals_over_its_objects(tmp_path: Path):
     truth = made.write_maps(tmp_path / "truth", {"one": TRUTH["one"]})
     prediction = made.write_maps(tmp_path / "prediction", {"one": ANSWERS["one"]})

@@ -10,7 +10,7 @@ import pytest
 
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.config import load_config
-from remind_jax.errors import ConfigError, OutputError, SourceError
+from remind_jax.errors import ConfigError, OutputError, SourceError, SweepError
 from remind_jax.frame import Detections
 from remind_jax.method import get_method
 from remind_jax.sources import open_source
@@ -156,6 +156,11 @@ def test_rows_depend_on_every_function_of_an_own_method(tmp_path):
 def test_scenes_of_one_name_are_numbered_apart():
     assert _distinct(["k", "k", "k (1)", "m"]) == ["k (1)", "k (2)", "k (1) (1)", "m"]
     assert _distinct(["k (1)", "k", "k"]) == ["k (1)", "k (2)", "k (3)"]
+
+
+def test_a_scene_is_given_once(tmp_path):
+    with pytest.raises(SweepError, match="rooms' is given twice"):
+        sweep([tmp_path / "rooms", f"{tmp_path}/other/../rooms"], {"match": [0.5]}, config=CONFIG)
 
 
 def test_what_a_sweep_cannot_score_is_refused():
