@@ -1,4 +1,4 @@
-"""One thing that a detector shows as two: whole under one name, cropped under another.
+"""One thing that a detector shows under two names, whole or under one of them cropped.
 
 Rule: method_plus.md#cropped. Letters: `N` detections, `T` tracklets, `L` rows of classes.
 """
@@ -12,12 +12,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import least_seen, name_odds
 from remind_jax.plus.observation import Sightings
+from remind_jax.plus.plane import overlap_of
 from remind_jax.plus.state import Tracklets
 
 CROPPED_ODDS = 0.65  # share of what look and name say of a link: they change with the outline
+SAME_PIXELS = 0.95  # cosine of looks above which two boxes hold the same
 
 
 @jax.tree_util.register_dataclass
@@ -51,26 +54,40 @@ def find_cropped(
     return Cropped(renamed & tracklets.just_seen & differs, cropped)
 
 
-def find_second(
-    sightings: Sightings, origin: Int[Array, "N"], confused: Float[Array, "L L"], t: th.Names
-) -> Bool[Array, "N"]:
-    """Detections of what another one of this frame shows already.
+def find_doubles(
+    sightings: Sightings,
+    origin: Int[Array, "N"],
+    age: Int[Array, "N"],
+    confused: Float[Array, "L L"],
+    t: th.Names,
+) -> Int[Array, "N"]:
+    """Which detection of this frame shows the same thing as each one that is left out for it.
 
-    Those that go on with no tracklet, beside one that does whose box is the same but for one side,
-    where the detector was seen to change between their names.
+    Of two boxes with different names that hold the same pixels, the one stays whose tracklet has
+    more detections. Of two that are the same but for one side, where the detector was seen to
+    change between their names, the one that goes on with a tracklet if the other does not.
 
     Args:
       sightings: Detections.
       origin: The tracklet that each of them goes on with.
+      age: The detections of that so far, 0 where there is none.
       confused: Log odds that one thing has both names (`confusion_odds`).
       t: How alike the boxes must be.
+
+    Returns:
+      The detection that stays for each, NO_SLOT for those that stay.
     """
-    names = sightings.class_id
-    linked = sightings.valid & (origin != NO_SLOT)
-    one_thing = cropped_overlap(sightings.box, sightings.box) >= t.cropped
-    one_thing &= (name_odds(names, names, confused) > least_seen(t)) & linked
-    one_thing &= names[:, None] != names
-    return sightings.valid & (origin == NO_SLOT) & jnp.any(one_thing, axis=1)
+    names, look, linked = sightings.class_id, to_unit(sightings.look), origin != NO_SLOT
+    renamed = sightings.valid[:, None] & sightings.valid & (names[:, None] != names)
+    same = (overlap_of(sightings.box, sightings.box) >= t.cropped) & (dot(look, look) > SAME_PIXELS)
+    # Of those of one age, the one that the detector gave first.
+    rank = age - jnp.linspace(0.0, 0.5, len(age))
+    same &= rank[:, None] < rank
+    cropped = cropped_overlap(sightings.box, sightings.box) >= t.cropped
+    cropped &= name_odds(names, names, confused) > least_seen(t)
+    cropped &= ~linked[:, None] & linked
+    stays = renamed & (same | cropped)
+    return jnp.where(jnp.any(stays, axis=1), jnp.argmax(stays, axis=1), NO_SLOT)
 
 
 def cropped_overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:

@@ -27,11 +27,10 @@ from remind_jax.plus.evidence import (
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
 from remind_jax.plus.plane import (
-    area_of,
-    common_box,
     log_ratios,
     mean_sizes,
     middle_of,
+    overlap_of,
     squared_length,
     turned,
     zoom_of,
@@ -171,7 +170,7 @@ def score_links(
     log_ratio = jnp.abs(log_ratios(sightings.size, tracklets.size))
     # What moves may be anywhere after a while; what stands still is where it was.
     moves = mobility(speed_of(tracklets), t.mobility)
-    overlap = _overlap(sightings.box, tracklets.box)
+    overlap = overlap_of(sightings.box, tracklets.box)
     geometry = t.linking.overlap * overlap - t.linking.distance * relative - SIZE_LOSS * log_ratio
     cropped = find_cropped(tracklets, sightings, overlap, t.names)
     odds = jnp.minimum(look_odds, 0.0)
@@ -342,9 +341,3 @@ def _log_density(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Flo
     """Of Student's distribution, up to a constant."""
     tails = (TAILS + 1.0) * jnp.log1p(offset**2 / (TAILS * variance))
     return -0.5 * (tails + jnp.log(variance))
-
-
-def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:
-    """Intersection over union of boxes."""
-    inner = area_of(common_box(left[:, None], right))
-    return inner / jnp.maximum(area_of(left)[:, None] + area_of(right) - inner, 1e-6)

@@ -45,6 +45,12 @@ def common_box(
     return jnp.concatenate([low, jnp.minimum(left[..., 2:], right[..., 2:])], axis=-1)
 
 
+def overlap_of(left: Float[Array, "N 4"], right: Float[Array, "M 4"]) -> Float[Array, "N M"]:
+    """Intersection over union of every two boxes."""
+    inner = area_of(common_box(left[:, None], right))
+    return inner / jnp.maximum(area_of(left)[:, None] + area_of(right) - inner, 1e-6)
+
+
 def mean_sizes(left: Float[Array, "N"], right: Float[Array, "M"]) -> Float[Array, "N M"]:
     """Geometric mean of every two sizes; a root per size, not per pair."""
     return jnp.sqrt(left)[:, None] * jnp.sqrt(right)[None]

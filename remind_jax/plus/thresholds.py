@@ -98,8 +98,8 @@ class Names:
 
     confused: Real = setting(0.1, "chance of another name for one thing before any was seen",
         "probability")
-    cropped: Real = setting(0.8, "intersection over union from which on boxes of two names, "
-        "cropped alike at one side, may show one thing; above 1: none", "share")
+    cropped: Real = setting(0.8, "intersection over union from which on boxes of two names, whole "
+        "or cropped alike at one side, may show one thing; above 1: none", "share")
 
 
 @jax.tree_util.register_dataclass

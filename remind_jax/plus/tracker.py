@@ -20,7 +20,7 @@ from remind_jax.numerics.control_flow import batch_max, branch
 from remind_jax.plus import clock
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
-from remind_jax.plus.cropping import find_second
+from remind_jax.plus.cropping import find_doubles
 from remind_jax.plus.crossing import carry_courses, course_odds
 from remind_jax.plus.decision import decide, learn_newness
 from remind_jax.plus.evidence import (
@@ -138,7 +138,7 @@ class _Linked(NamedTuple):
     tick: Float[Array, ""]  # time since the last frame, one tick at most
     is_tick: Bool[Array, ""]  # whether another tick of the clock is full
     sightings: Sightings  # without those that show a thing twice
-    second: Bool[Array, "N"]  # those that do
+    double_of: Int[Array, "N"]  # of those that do: the detection that shows it, else NO_SLOT
     origin: Int[Array, "N"]  # the tracklet before the frame that each goes on with
     cropped: Bool[Array, "N"]  # cropped beside it, or whole again
     counts: Bool[Array, "N"]  # those that teach
@@ -190,8 +190,9 @@ def _link(
     links = links.with_odds(course_odds(carried, sightings.box), t.linking)
     origin = link(links, t.linking)
     sightings = fade_background(sightings, origin, carried, state.scene, t.mobility)
-    second = find_second(sightings, origin, confused, t.names)
-    sightings = dataclasses.replace(sightings, valid=sightings.valid & ~second)
+    age = jnp.where(origin == NO_SLOT, 0, carried.age[origin])
+    double_of = find_doubles(sightings, origin, age, confused, t.names)
+    sightings = dataclasses.replace(sightings, valid=sightings.valid & (double_of == NO_SLOT))
     cropped = links.cropped.at(origin)
     link_trust, wait_trust = trust_links(links, origin, t.linking)
     counts = sightings.valid & (is_tick | (origin == NO_SLOT))
@@ -212,7 +213,7 @@ def _link(
         tick=tick,
         is_tick=is_tick,
         sightings=sightings,
-        second=second,
+        double_of=double_of,
         origin=origin,
         cropped=cropped,
         counts=counts,
@@ -249,6 +250,9 @@ def _recognize(
     scene = learn_names(
         scene, state.tracklets.class_id[before], sightings.class_id, jnp.where(goes_on, share, 0.0)
     )
+    is_double, other = linked.double_of != NO_SLOT, jnp.maximum(linked.double_of, 0)
+    told = jnp.where(is_double, share[other], 0.0)
+    scene = learn_names(scene, sightings.class_id[other], sightings.class_id, told)
     scene, objects = renew_whitening(scene, objects, sightings, frame, t)
     # What could every open tracklet be?
     is_open = here.is_open
@@ -280,7 +284,7 @@ def _recognize(
     decisions = report(
         verdicts, weighed.belief, moves, stays, here, present, sightings, static, t.decision
     )
-    reason = jnp.where(linked.second, int(Reason.DOUBLE), decisions.reason)
+    reason = jnp.where(is_double, int(Reason.DOUBLE), decisions.reason)
     decisions = dataclasses.replace(decisions, reason=reason)
     # What does that teach?
     scene, objects = learn_newness(scene, objects, choice, here.class_id, candidates)

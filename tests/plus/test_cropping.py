@@ -1,4 +1,4 @@
-"""One thing that a detector shows whole under one name and cropped under another."""
+"""One thing that a detector shows under two names, whole or under one of them cropped."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from remind_jax.decision import Outcome, Reason
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus import linking
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
-from remind_jax.plus.cropping import cropped_overlap, find_second
+from remind_jax.plus.cropping import cropped_overlap, find_doubles
 from remind_jax.plus.thresholds import PlusThresholds
 from tests.plus.frames import TICK, T, detections, empty_state, tracklets_of
 from tests.plus.walls import Walk, follow, pan
@@ -77,13 +77,44 @@ def test_what_another_detection_shows_is_left_out_once_its_name_was_seen_to_chan
     )
     scene, origin = empty_state().scene, jnp.array([0, NO_SLOT, NO_SLOT])
     assumed = confusion_odds(scene, T.names)
-    assert not find_second(seen, origin, assumed, T.names).any()
+    assert _doubles(seen, origin, assumed) == [NO_SLOT] * 3
     scene = learn_names(scene, jnp.array([SINK]), jnp.array([CHAIR]), jnp.ones(1))
     told = confusion_odds(scene, T.names)
-    assert find_second(seen, origin, told, T.names).tolist() == [False, True, False]
+    assert _doubles(seen, origin, told) == [NO_SLOT, 0, NO_SLOT]
     # Both go on with tracklets, or none does.
-    assert not find_second(seen, jnp.array([0, 1, 2]), told, T.names).any()
-    assert not find_second(seen, jnp.full(3, NO_SLOT), told, T.names).any()
+    assert _doubles(seen, jnp.array([0, 1, 2]), told) == [NO_SLOT] * 3
+    assert _doubles(seen, jnp.full(3, NO_SLOT), told) == [NO_SLOT] * 3
+
+
+def _doubles(seen, origin, confused, age=(5, 5, 5)):
+    age = jnp.where(origin == NO_SLOT, 0, jnp.array(age))
+    return find_doubles(seen, origin, age, confused, T.names).tolist()
+
+
+def test_of_two_names_of_the_same_pixels_the_one_of_the_longer_tracklet_stays():
+    center, looks = [[2.5, 2.0], [2.5, 2.0], [5, 4]], np.eye(3, dtype=np.float32)[[0, 0, 2]]
+    names = np.array([CHAIR, SINK, CHAIR], np.int32)
+    seen = detections(center, looks, class_id=names)
+    assumed = confusion_odds(empty_state().scene, T.names)
+    linked, none = jnp.array([0, 1, 2]), jnp.full(3, NO_SLOT)
+    assert _doubles(seen, linked, assumed, (9, 3, 9)) == [NO_SLOT, 0, NO_SLOT]
+    assert _doubles(seen, linked, assumed, (3, 9, 9)) == [1, NO_SLOT, NO_SLOT]
+    assert _doubles(seen, jnp.array([NO_SLOT, 1, 2]), assumed) == [1, NO_SLOT, NO_SLOT]
+    # Where neither was seen before, the first; of three, one.
+    assert _doubles(seen, none, assumed) == [NO_SLOT, 0, NO_SLOT]
+    thrice = dataclasses.replace(seen, class_id=np.arange(3), look=looks[[0, 0, 0]])
+    thrice.box[2] = thrice.box[0]
+    assert _doubles(thrice, none, assumed).count(NO_SLOT) == 1
+    # Others: of one name, of other pixels in the same box, elsewhere, or where none is wanted.
+    for other in (
+        {"class_id": np.zeros(3, np.int32)},
+        {"look": np.eye(3, dtype=np.float32)},
+        {"box": seen.box + np.array([[0], [0.2], [0]], np.float32)},
+    ):
+        seen_otherwise = dataclasses.replace(seen, **other)
+        assert _doubles(seen_otherwise, none, assumed) == [NO_SLOT] * 3
+    none_wanted = dataclasses.replace(T.names, cropped=jnp.float32(1.1))
+    assert (find_doubles(seen, none, jnp.zeros(3, int), assumed, none_wanted) == NO_SLOT).all()
 
 
 def _takes_turns() -> Walk:
@@ -120,3 +151,28 @@ def test_boxes_that_take_turns_are_one_object_which_neither_moves_nor_changes_it
     # Without, what changes its name is two objects.
     none = change_parts(PlusThresholds(), names={"cropped": 2.0})
     assert len(set(follow(_takes_turns(), none)[1].answer_id[:, 0].tolist())) == 2
+
+
+def _named_twice() -> Walk:
+    """A still camera; a thing that is shown under both names in most frames, else under one."""
+    walk = _takes_turns()
+    frame, shown = walk.sightings, np.arange(40) % 5
+    frame.valid[:, 0], frame.valid[:, 2] = shown != 1, shown != 3
+    for slot, name in ((0, CHAIR), (2, SINK)):
+        frame.box[:, slot], frame.center[:, slot], frame.size[:, slot] = WHOLE, (2.5, 2.0), 1.41
+        frame.class_id[:, slot], frame.look[:, slot] = name, frame.look[0, 0]
+    return walk
+
+
+def test_what_is_named_twice_is_one_object_and_teaches_both_names():
+    walk = _named_twice()
+    state, _, decisions, _ = follow(walk)
+    shown = walk.sightings.valid[:, [0, 2]]
+    is_double = decisions.reason[:, [0, 2]] == Reason.DOUBLE
+    assert (is_double.sum(axis=1) == shown.all(axis=1)).all()
+    assert len(set(decisions.object_id[:, [0, 2]][shown & ~is_double].tolist())) == 1
+    assert int(state.objects.exists.sum()) == 2
+    odds = name_odds(np.array([CHAIR]), np.array([SINK]), confusion_odds(state.scene, T.names))
+    assert float(odds[0, 0]) > np.log(0.5)
+    none = change_parts(PlusThresholds(), names={"cropped": 2.0})
+    assert int(follow(_named_twice(), none)[0].objects.exists.sum()) == 3
