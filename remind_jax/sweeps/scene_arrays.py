@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 import functools
 import hashlib
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from remind_jax.frame import NO_INSTANCE
 from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import Method, get_method
 from remind_jax.observation import AnyFeats, Masks
+from remind_jax.printing.words import plural
 from remind_jax.session.live import Tracker
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import open_source
@@ -35,6 +37,8 @@ from remind_jax.static import MOST_OBJECTS, Static
 from remind_jax.sweeps.settings import stack
 
 NONE = -1
+
+_log = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -220,6 +224,11 @@ def _read(
             instances.append(prepared.detections.instance_ids)
     if not masks:
         raise SourceError(f"'{source.name}' has no frames")
+    if left_out := sum(frame.count for frame in source.skipped):
+        _log.warning(
+            "'%s': %s left out, the first: %s",
+            source.name, plural(left_out, "frame"), source.skipped[0].reason,
+        )  # fmt: skip
     if not any(np.isfinite(one.patches).any() for one in feats):
         raise SourceError(
             f"not one feature of '{source.name}' is a finite number; give another backbone, or its "

@@ -163,6 +163,17 @@ def test_a_scene_is_given_once(tmp_path):
         sweep([tmp_path / "rooms", f"{tmp_path}/other/../rooms"], {"match": [0.5]}, config=CONFIG)
 
 
+def test_frames_that_a_sweep_leaves_out_are_told(caplog):
+    masks = np.zeros((1, 64, 64), bool)
+    masks[0, 8:40, 8:40] = True
+    shown = Detections.create(masks, labels=["cup"], instance_ids=[1])
+    frames = [np.zeros((64, 64, 3), np.uint8), np.zeros((128, 128, 3), np.uint8)]
+    source = open_source([(image, shown) for image in frames], name="odd")
+    scene = load_scene(source, load_config(QUICK), get_backbone("patch-statistics"))
+    assert scene.num_frames == 1
+    assert "'odd': 1 frame left out" in caplog.text
+
+
 def test_what_a_sweep_cannot_score_is_refused():
     with pytest.raises(ConfigError, match="announce_after is 5"):
         sweep(SCENES, BOXES[:1], config={**QUICK, "input.announce_after": 5})
