@@ -95,9 +95,6 @@ def _make(weights: Weights, precision: Precision) -> Backbone:
         kind,
     )
 
-    def apply(images: UInt8[Array, "B H W 3"]) -> Float[Array, "B Hp Wp D"]:
-        return encode_patches(params, images)
-
     @functools.partial(jax.jit, compiler_options=compiler_options(kind), static_argnames="heads")
     def attending(params: Any, images: Array, patches: Array, heads: tuple[int, ...] | None) -> Any:
         tokens = run(params, images, objects=patches, heads=heads)
@@ -119,7 +116,7 @@ def _make(weights: Weights, precision: Precision) -> Backbone:
         name=name,
         patch_px=variant.patch_px,
         dim=variant.width,
-        apply=apply,
+        apply=functools.partial(encode_patches, params),
         apply_with_attention=apply_with_attention,
         fingerprint=f"{weights.sha256}-{known}-{precision}{early}",
     )
