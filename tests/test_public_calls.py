@@ -220,6 +220,7 @@ def test_a_second_thread_is_refused_and_nothing_is_damaged(part, tmp_path):
     calls = [lambda: live.update(IMAGE, seen), live.reset, lambda: live.load(path)]
     if part == "advance":
         calls += [lambda: live.save(path), lambda: live.checkpoint(path), live.objects]
+        calls += [lambda: live.rename(0, "mug"), lambda: live.num_objects]
     for call in calls:
         with pytest.raises(RemindError, match="two threads at once"):
             call()

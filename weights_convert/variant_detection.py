@@ -88,7 +88,7 @@ def detect_variant(
             + _differences(variant, expected)
         )
     if variant.name == CUSTOM and not wishes.custom:
-        closest = _closest(variant)
+        closest = min(VARIANTS.values(), key=lambda known: len(_differing(variant, known)))
         raise WeightsError(
             f"'{file}' holds none of the published networks; the closest is '{closest.name}'"
             + _differences(variant, closest)
@@ -212,10 +212,6 @@ def _check_config(variant: Variant, config: Mapping[str, Any], file: str) -> Non
                 f"the configuration beside '{file}' says {key} {config[key]}, not {value}; "
                 "give that of these weights, or a network that is computed so"
             )
-
-
-def _closest(variant: Variant) -> Variant:
-    return min(VARIANTS.values(), key=lambda known: len(_differing(variant, known)))
 
 
 def _differing(variant: Variant, known: Variant) -> list[str]:

@@ -12,9 +12,10 @@ import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.registry import Backbone
+from remind_jax.numerics.pooling import to_unit
 
 
 def combine(parts: Sequence[Backbone]) -> Backbone:
@@ -32,7 +33,7 @@ def combine(parts: Sequence[Backbone]) -> Backbone:
         for part in parts:
             size = rows * part.patch_px, columns * part.patch_px
             found = part.apply(_scaled(images, size))
-            features.append(_to_unit_length(jnp.asarray(found)) / len(parts) ** 0.5)
+            features.append(to_unit(jnp.asarray(found)) / len(parts) ** 0.5)
         return jnp.concatenate(features, axis=-1)
 
     digest = hashlib.sha256()
@@ -55,9 +56,3 @@ def _scaled(
         return images
     way = cv2.INTER_AREA if size[0] < images.shape[1] else cv2.INTER_LINEAR
     return np.stack([cv2.resize(image, size[::-1], interpolation=way) for image in images])
-
-
-def _to_unit_length(features: Float[Array, "B Hp Wp D"]) -> Float[Array, "B Hp Wp D"]:
-    """Each patch divided by its length; zeros stay zeros."""
-    length = jnp.linalg.norm(features, axis=-1, keepdims=True)
-    return features / jnp.where(length == 0, 1.0, length)

@@ -23,12 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from remind_jax.backbone.vit_attention import (
-    Method,
-    ObjectAttention,
-    attend,
-    attention_among,
-)
+from remind_jax.backbone.vit_attention import Method, ObjectAttention, attend, attention_among
 from remind_jax.backbone.vit_positions import resample_table, rotary_tables, rotate
 from remind_jax.backbone.vit_variants import Variant
 

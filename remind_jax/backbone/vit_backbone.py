@@ -27,10 +27,6 @@ Precision = Literal["float32", "bfloat16"]
 # Scores of all heads together, above which attention on a CPU is worked on in chunks.
 _PLAIN_SCORES_MAX = 2_000_000
 
-# Of XLA, by platform. Its YNN library splits the thin products of chunked attention badly between
-# threads: with it 1280x720 took 1.5 times as long on two cores (`benchmarks/vit.py`). In bfloat16
-# it is what uses the processor's instructions for it.
-
 
 def normalize(images: UInt8[Array, "... 3"]) -> Float[Array, "... 3"]:
     """RGB of 0 to 255 to zero mean and unit variance, operation by operation as published."""
@@ -90,6 +86,7 @@ def _make(weights: Weights, precision: Precision) -> Backbone:
     early = numerics.num_early(variant.depth) or ""
     params = jax.device_put(arrange_params(weights.params, variant, numerics))
 
+    # The library that "network" leaves out is what uses a processor's instructions for bfloat16.
     kind: Kind = "network" if precision == "float32" else "plain"
     encode_patches = KeptFunction(
         "vit",
@@ -97,9 +94,6 @@ def _make(weights: Weights, precision: Precision) -> Backbone:
         (variant, precision),
         kind,
     )
-
-    def apply(images: UInt8[Array, "B H W 3"]) -> Float[Array, "B Hp Wp D"]:
-        return encode_patches(params, images)
 
     @functools.partial(jax.jit, compiler_options=compiler_options(kind), static_argnames="heads")
     def attending(params: Any, images: Array, patches: Array, heads: tuple[int, ...] | None) -> Any:
@@ -122,7 +116,7 @@ def _make(weights: Weights, precision: Precision) -> Backbone:
         name=name,
         patch_px=variant.patch_px,
         dim=variant.width,
-        apply=apply,
+        apply=functools.partial(encode_patches, params),
         apply_with_attention=apply_with_attention,
         fingerprint=f"{weights.sha256}-{known}-{precision}{early}",
     )

@@ -163,7 +163,9 @@ def _variant_in(header: Mapping[str, str], path: Path, expected: str | None) -> 
             "convert it again with 'remind convert'"
         )
     try:
-        variant = _parse_variant(header["architecture"])
+        said = header["architecture"].encode()
+        variant = decode_json(said, Variant, "`architecture`", refused=WeightsError)
+        variant.check()
         is_whole = header["dtype"] in DTYPES and bool(header["data_sha256"])
     except (KeyError, RemindError) as error:
         raise WeightsError(f"the header of '{path}' is damaged: {error}") from error
@@ -179,17 +181,6 @@ def _variant_in(header: Mapping[str, str], path: Path, expected: str | None) -> 
             f"'{path}' holds '{variant.name}', not '{expected}'; ask for "
             + (f"backbone '{variant.name}'" if variant.name != CUSTOM else f"'vit:{path}'")
         )
-    return variant
-
-
-def _parse_variant(text: str) -> Variant:
-    """A variant from a header, which may say anything.
-
-    Raises:
-      RemindError: If it is none, or its numbers contradict each other.
-    """
-    variant = decode_json(text.encode(), Variant, "`architecture`", refused=WeightsError)
-    variant.check()
     return variant
 
 

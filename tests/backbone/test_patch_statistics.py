@@ -16,7 +16,6 @@ from remind_jax.backbone.patch_statistics import (
     typical_histograms,
 )
 from remind_jax.compiled import kept
-from remind_jax.errors import SourceError
 
 FLOAT32_SUM = 2e-5  # histograms sum 64 to 576 float32 shares; features are of order one
 PALETTE = ((200, 60, 50), (60, 160, 70), (70, 90, 190), (190, 170, 60), (150, 150, 150))
@@ -57,11 +56,6 @@ def test_every_patch_gets_finite_float32_features():
         assert features.shape == (num, height // PATCH_PX, width // PATCH_PX, backbone.dim)
         assert features.dtype == np.float32
         assert np.isfinite(features).all()
-
-
-def test_frame_smaller_than_a_patch_is_refused():
-    with pytest.raises(SourceError, match="64x15 pixels is smaller than one patch"):
-        get_backbone().extract(np.zeros((1, 15, 64, 3), np.uint8))
 
 
 def test_a_size_compiles_once_and_repeats_exactly(caplog, monkeypatch):

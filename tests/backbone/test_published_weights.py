@@ -1,5 +1,6 @@
 """The table of published weights: complete, well formed, and honest about what is not known."""
 
+import math
 import re
 
 import pytest
@@ -42,7 +43,5 @@ def test_no_two_are_the_same_file():
 @pytest.mark.parametrize("name", [n for n, p in PUBLISHED.items() if p.num_bytes])
 def test_size_is_that_of_the_network(name):
     """Numbers of 4 bytes and a little around them; what only training needs is a token at most."""
-    import math
-
     expected = 4 * sum(math.prod(shape) for shape in leaf_shapes(VARIANTS[name]).values())
     assert PUBLISHED[name].num_bytes == pytest.approx(expected, rel=0.003)

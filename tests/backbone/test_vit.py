@@ -8,13 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.backbone.vit import (
-    Numerics,
-    Tokens,
-    VisionTransformer,
-    arrange_params,
-    encode,
-)
+from remind_jax.backbone.vit import Numerics, Tokens, VisionTransformer, arrange_params, encode
 from remind_jax.backbone.vit_attention import NO_PATCH
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.backbone.vit_weights import Weights, leaf_shapes

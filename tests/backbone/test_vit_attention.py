@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import softmax
 
-from remind_jax.backbone.vit_attention import (
-    NO_PATCH,
-    attend,
-    attention_among,
-)
+from remind_jax.backbone.vit_attention import NO_PATCH, attend, attention_among
 
 EXACT = jax.lax.Precision.HIGHEST
 

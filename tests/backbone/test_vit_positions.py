@@ -4,10 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.backbone.vit_positions import (
-    resample_table,
-    rotary_tables,
-)
+from remind_jax.backbone.vit_positions import resample_table, rotary_tables
 from tests.golden.vit import load as golden
 from tests.golden.vit import weights as formulas
 

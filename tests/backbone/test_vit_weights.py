@@ -1,6 +1,7 @@
 """Converted files: found where they should be, and refused if anything about them is wrong."""
 
 import json
+import re
 import struct
 
 import pytest
@@ -53,15 +54,12 @@ def test_leaf_missing_or_left_over_or_of_another_shape(spoilt):
     assert "of another shape: cls_token" in message
 
 
-def test_a_changed_byte(spoilt):
+def test_bytes_that_changed_or_are_missing(spoilt):
     def flip(data):
         return data[:999] + bytes([data[999] ^ 1]) + data[1000:]
 
     assert "are not those that were written: the sha256" in spoilt(data=flip)
-
-
-def test_cut_short(spoilt):
-    assert "is damaged or of another form" in spoilt(data=lambda d: d[:-4])
+    assert "is damaged or of another form" in spoilt(data=lambda data: data[:-4])
 
 
 def describe(**values):
@@ -88,17 +86,12 @@ def describe(**values):
         (describe(depth=1 << 20), "header of .* is damaged.*depth"),
         (describe(norm_eps=float("nan")), "header of .* is damaged"),
         (describe(width=2.0), "header of .* is damaged.*width"),
-        (
-            lambda h: h["__metadata__"].update(architecture="[" * 10_000),
-            "header of .* is damaged",
-        ),
+        (lambda h: h["__metadata__"].update(architecture="[" * 9999), "header of .* is damaged"),
         (describe(depth=4), "missing: blocks.3"),
         (describe(name="dinov3-vits16"), "calls itself 'dinov3-vits16' but describes 'custom'"),
     ],
 )
 def test_headers_are_not_believed(spoilt, change, message):
-    import re
-
     assert re.search(message, spoilt(change))
 
 

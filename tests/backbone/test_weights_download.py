@@ -11,14 +11,7 @@ from remind_jax.backbone.published_weights import PUBLISHED
 from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.backbone.weights_download import obtain_weights, place_of_original
 from remind_jax.errors import OutputError, WeightsError
-from tests.backbone.hub_networks import (
-    FILE,
-    NAME,
-    PLAIN,
-    REPOSITORY,
-    REVISION,
-    published_network,
-)
+from tests.backbone.hub_networks import FILE, NAME, PLAIN, REPOSITORY, REVISION, published_network
 
 CONVERTED = [f"{NAME}.safetensors"]
 ADDRESS = f"{REPOSITORY}/{REVISION}/{FILE}"

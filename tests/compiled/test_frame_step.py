@@ -9,11 +9,9 @@ import pytest
 
 from remind_jax.compiled import frame_step
 from remind_jax.compiled.frame_step import FrameInput, FrameStep
-from remind_jax.compiled.packing import Packed
 from remind_jax.method import get_method
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
-from tests.statics import make_static
 
 TINY = {"num_detections": 4, "num_objects": 6, "num_pending": 4}
 HEAVY = pytest.mark.heavy
@@ -108,21 +106,6 @@ def test_a_trace_changes_no_decision(name):
         np.testing.assert_array_equal(one.object_id, other.object_id)
     assert traced.trace is not None
     assert plain.trace is None
-
-
-def test_a_method_that_calls_the_host_is_not_kept():
-    step = FrameStep(get_method("plus"))
-    decide = get_method("plus").decide
-    assert step._is_kept(decide, make_static())
-    assert not step._is_kept(decide, make_static(solver="host"))
-
-
-def test_the_readout_is_packed_in_the_order_of_the_layout():
-    tracker = Tracker()
-    follow(tracker, 1)
-    (programs,) = tracker._memory.frame_step._prepared.values()
-    shapes = Packed.of(jax.device_get(tracker.state.decisions)).layout.shapes
-    assert programs.readout.shapes[: len(shapes)] == shapes
 
 
 def test_a_method_that_is_defined_anew_is_compiled_anew():

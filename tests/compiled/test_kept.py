@@ -17,17 +17,6 @@ from remind_jax.errors import OutputError
 from .counting import PAIR, Counted, files, run
 
 
-def test_a_damaged_file_is_made_anew(folder, caplog):
-    function = Counted()
-    run(function)
-    (path,) = files(folder)
-    path.write_bytes(b"no program")
-    for _ in range(2):
-        np.testing.assert_array_equal(run(function)[1], [2, 2, 2])
-        assert function.num_traces == 2
-    assert not caplog.records
-
-
 def test_damage_anywhere_is_found_before_the_library_sees_it(folder, monkeypatch):
     run(Counted())
     (path,) = files(folder)
@@ -63,14 +52,17 @@ def test_a_program_under_the_name_of_another_is_made_anew(folder):
         assert (add.num_traces, other.num_traces) == (2, 2)
 
 
-def test_what_lies_in_the_place_of_a_program_is_not_in_the_way(folder):
+def test_what_lies_in_the_place_of_a_program_is_not_in_the_way(folder, caplog):
     run(Counted())
     (path,) = files(folder)
-    for make in (Path.mkdir, os.mkfifo):
+    for make in (Path.mkdir, os.mkfifo, lambda path: path.write_bytes(b"no program")):
         path.unlink()
         make(path)
-        np.testing.assert_array_equal(run(Counted())[1], [2, 2, 2])
-        assert path.is_file()
+        for num_traces in (1, 0):  # made anew, and kept again
+            function = Counted()
+            np.testing.assert_array_equal(run(function)[1], [2, 2, 2])
+            assert function.num_traces == num_traces
+    assert not caplog.records
     path.unlink()
     path.mkdir()
     (path / "mine.txt").write_text("of somebody else")

@@ -163,8 +163,6 @@ def test_none_detectors_and_nonsense():
     assert as_detector(detector) is detector
     with pytest.raises(ConfigError, match="cannot be made from int"):
         as_detector(3)
-    with pytest.raises(WeightsError, match="'yolo' does not exist"):
-        as_detector("yolo")
 
 
 def square(size: int, top: int, left: int, shape: tuple[int, int] = (20, 30)) -> np.ndarray:

@@ -51,12 +51,6 @@ def test_a_file_that_is_no_model_gets_one_sentence(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_is_no_file_is_named(tmp_path):
-    for name, said in (("absent.onnx", "does not exist"), (".", "is a folder; give the path of")):
-        with pytest.raises(WeightsError, match=said):
-            OnnxModel(tmp_path / name)
-
-
 def test_an_input_that_does_not_fit_is_one_sentence(tmp_path, capfd):
     echo = OnnxModel(write_echo(tmp_path / "echo.onnx", (1, 3, 6, 8)))
     with pytest.raises(WeightsError, match=r"on an input of shape \[1, 3, 9, 9\]") as caught:

@@ -9,11 +9,7 @@ import pytest
 from safetensors.numpy import save_file
 
 from remind_jax.errors import WeightsError
-from remind_jax.files.tensors import (
-    read_npz,
-    read_safetensors_header,
-    read_safetensors_parts,
-)
+from remind_jax.files.tensors import read_npz, read_safetensors_header, read_safetensors_parts
 
 
 @pytest.fixture

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.formats.mot import (
-    FileFormat,
-    fit_texts,
-    read_text_rows,
-    recognize_format,
-)
+from remind_jax.formats.mot import FileFormat, fit_texts, read_text_rows, recognize_format
 from remind_jax.formats.rows import TrackRows
 from remind_jax.masks.run_length import encode_masks
 from tests.metrics.golden import load_texts

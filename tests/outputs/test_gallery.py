@@ -3,12 +3,7 @@ import numpy as np
 import pytest
 
 from remind_jax.outputs.drawing import NO_IMAGE_GRAY
-from remind_jax.outputs.gallery import (
-    CROP_PX,
-    MAX_SIGHTINGS,
-    SightingCollector,
-    crop_detection,
-)
+from remind_jax.outputs.gallery import CROP_PX, MAX_SIGHTINGS, SightingCollector, crop_detection
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from tests.outputs.fake_run import collect, make_run, make_tracks
 

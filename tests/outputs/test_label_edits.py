@@ -22,7 +22,7 @@ from remind_jax.outputs.label_edits import (
     read_edits,
 )
 from remind_jax.outputs.result import Result
-from tests.formats.test_cvat_of_runs import write_cvat
+from tests.formats.test_cvat import write_cvat
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
 

@@ -100,12 +100,6 @@ def test_video_is_h264_that_browsers_play(tmp_path):
     assert content.index(b"moov") < content.index(b"mdat")  # plays before it is loaded whole
 
 
-def test_no_frames_leave_no_video(tmp_path):
-    with OverlayVideo(tmp_path / "overlay.mp4", 10):
-        pass
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_broken_video_is_not_playable(tmp_path):
     path = tmp_path / "overlay.mp4"
     assert not is_playable(path)

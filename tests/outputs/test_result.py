@@ -188,12 +188,6 @@ def test_missing_library_is_named(monkeypatch, module, call, advice):
         call(result)
 
 
-def test_outcomes_without_identity_are_no_presence():
-    rows = [{"object_id": -1, "outcome": Outcome.AMBIGUOUS, "candidates": [(0, 0.8), (1, 0.7)]}]
-    tracks = make_tracks(0, np.ones((1, 8, 8), bool), rows)
-    assert Result((tracks,), make_info()).objects() == ()
-
-
 def test_rows_follow_first_sight():
     _, result = make_run(30)
     late_first = dataclasses.replace(result, tracks=result.tracks[10:])  # 1, 3, 5 come back at 20

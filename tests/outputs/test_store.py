@@ -132,14 +132,6 @@ def test_run_json_is_readable_and_atomic(tmp_path):
     assert json.loads(path.read_text()) == content
 
 
-def _change_line(path, number, change):
-    lines = path.read_text().splitlines(keepends=True)
-    content = json.loads(lines[number - 1])
-    change(content)
-    lines[number - 1] = json.dumps(content) + "\n"
-    path.write_text("".join(lines))
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -148,10 +140,7 @@ def _change_line(path, number, change):
         (lambda c: c.update(size=[0, 64]), r"line 4.*size\[0\]"),
         (lambda c: c.update(size=[7, 9]), "the mask of detection 0 in frame 2 is damaged"),
         (lambda c: c.update(num_candidates=0), "'num_candidates' is 0, which does not fit"),
-        (
-            lambda c: c["detections"][0].update(outcome="won"),
-            "line 4.*outcome",
-        ),
+        (lambda c: c["detections"][0].update(outcome="won"), "line 4.*outcome"),
         (lambda c: c["detections"][0].update(rle="\u00e9"), "its code is no ASCII text"),
         (lambda c: c["detections"][0].update(score=float("nan")), "line 4"),
         (lambda c: c["detections"][0].update(object_id=2**40), "line 4.*object_id"),
@@ -159,18 +148,12 @@ def _change_line(path, number, change):
         (lambda c: c["detections"][0].pop("label"), "line 4.*`label`"),
     ],
 )
-def test_what_is_wrong_in_a_frame_is_named(tmp_path, change, said):
-    _, result = make_run(num_frames=6)
-    path = tmp_path / store.DETECTIONS_NAME
-    with store.detections_writer(path, make_info()) as writer:
-        for tracks in result.tracks:
-            writer.add(
-                dataclasses.replace(
-                    tracks,
-                    candidate_id=np.ones((len(tracks), 1), np.int32),
-                    candidate_score=np.ones((len(tracks), 1)),
-                )
-            )
-    _change_line(path, 4, change)
+def test_what_is_wrong_in_a_frame_is_named(stored, change, said):
+    path, _ = stored
+    lines = path.read_text().splitlines(keepends=True)
+    content = json.loads(lines[3])
+    change(content)
+    lines[3] = json.dumps(content) + "\n"
+    path.write_text("".join(lines))
     with pytest.raises(OutputError, match=said):
         store.read_detections(path)

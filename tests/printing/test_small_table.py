@@ -85,7 +85,8 @@ def test_a_run_names_what_it_found():
     _, result = make_run()
     lines = str(result).splitlines()
     assert lines[0] == "run 'kitchen tour': 40 frames, 6 identities, 3 returns, 2.0 % undecided"
-    assert lines[4].split() == ["cup", "0", "0", "39", "40", "0"]
+    assert lines[3].strip() == result.events[0].message
+    assert lines[5].split() == ["cup", "0", "0", "39", "40", "0"]
 
 
 def test_runs_and_sweeps_of_nothing_print():

@@ -16,6 +16,7 @@ from remind_jax.session.earlier_memory import EARLIER_VERSIONS, WITH_OTHER_DECIS
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
 from tests.cli import scenes
+from tests.session.test_memory_file import rewrite
 
 NAMES = ("plus", "remind")
 
@@ -72,7 +73,7 @@ def test_leaves_of_what_lives_follow_from_those_that_there_were(tmp_path):
         tracker.update(*scenes.picture(index, (1, 2) if index == 2 else (1, 2, 3)))
     path = tmp_path / "memory.safetensors"
     tracker.save(path)
-    rewrite(path, lambda all_: {name: one for name, one in all_.items() if name not in NEW_LEAVES})
+    rewrite(path, tensors=dict.fromkeys(NEW_LEAVES))
     found, expected = (dict(named_leaves(one)) for one in (load_memory(path).state, tracker.state))
     expected["tracklets.pace"] = expected["tracklets.drift"]  # averages of the same steps
     alive = expected["tracklets.alive"]
@@ -89,29 +90,15 @@ def test_kept_looks_of_fewer_places_are_read(tmp_path):
         tracker.update(*scenes.picture(index))
     tracker.save(path)
     assert load_file(path)["objects.bank_count"].any()
-    rewrite(
-        path,
-        lambda tensors: {
-            name: leaf[:, :8].copy() if name in LENGTHENED else leaf
-            for name, leaf in tensors.items()
-        },
-    )
+    rewrite(path, tensors=dict.fromkeys(LENGTHENED, lambda leaf: leaf[:, :8].copy()))
     chex.assert_trees_all_equal(load_memory(path).state, tracker.state)
 
 
 def test_leaves_that_are_gone_are_left_out(tmp_path):
     path = tmp_path / "memory.safetensors"
     state = write_earlier(path, "plus", EARLIER_VERSIONS[-1])
-    rewrite(path, lambda tensors: tensors | dict.fromkeys(GONE_LEAVES, np.zeros(3, np.int32)))
+    rewrite(path, tensors=dict.fromkeys(GONE_LEAVES, np.zeros(3, np.int32)))
     chex.assert_trees_all_equal(load_memory(path).state, state, strict=True)
-
-
-def rewrite(path, change):
-    """Changes the tensors of a file as if it had been written so."""
-    metadata = dict(read_safetensors_header(path, refused=OutputError).metadata)
-    metadata.pop("sha256", None)
-    tensors = change(load_file(path))
-    save_file(tensors, path, metadata=metadata)
 
 
 def write_earlier(path, name, version, lacking=""):

@@ -14,24 +14,19 @@ from tests.cli import scenes
 from tests.session.test_live import CONFIG, frames
 
 
-def squares(index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two new objects every four frames, at places of their own."""
-    image, labels = scenes.picture(0, ())
+def things(index: int) -> tuple[np.ndarray, Detections]:
+    """Two new objects every four frames, at places and of classes of their own."""
+    image, masks, names = scenes.picture(0, ())[0], [], []
     for which in (0, 1):
         thing = 2 * (index // 4) + which
         rng = np.random.default_rng(thing)
         top, left = 16 + 80 * which, 16 + 72 * (thing // 2 % 3)
         window = np.s_[top : top + 64, left : left + 64]
         image[window] = np.kron(rng.integers(0, 255, (4, 4, 3)), np.ones((16, 16, 1)))
-        labels[window] = 1 + thing
-    return image, labels
-
-
-def things(index: int) -> tuple[np.ndarray, Detections]:
-    """The same, each thing of a class of its own."""
-    image, labels = squares(index)
-    numbers = sorted({*labels.flat} - {0})
-    return image, Detections.create([labels == n for n in numbers], [f"{n}" for n in numbers])
+        masks.append(np.zeros(image.shape[:2], bool))
+        masks[-1][window] = True
+        names.append(str(1 + thing))
+    return image, Detections.create(np.stack(masks), names)
 
 
 def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same(

@@ -22,6 +22,14 @@ def frames(num: int) -> list[tuple[np.ndarray, np.ndarray]]:
     return [scenes.picture(index) for index in range(num)]
 
 
+def frame_of_features() -> Frame:
+    """One object, and features that are no backbone's."""
+    features = np.random.default_rng(0).normal(size=(6, 8, 7)).astype(np.float32)
+    masks = np.zeros((1, 96, 128), bool)
+    masks[0, 32:64, 32:64] = True
+    return Frame(0, 0, 0.0, "0", None, Detections.create(masks), features)
+
+
 @pytest.mark.slow
 def test_one_compilation_whatever_the_counts():
     # A capacity that no other test uses: nothing is compiled yet.
@@ -84,11 +92,7 @@ def test_nothing_of_the_stream_before_is_left_after_load_and_reset(tmp_path):
     tracker.checkpoint(kept)  # not what changed since the memory that is gone
     assert len(read_parts(kept)) == 1
     tracker.reset()
-    rng = np.random.default_rng(0)
-    masks = np.zeros((1, 96, 128), bool)
-    masks[0, 32:64, 32:64] = True
-    features = rng.normal(size=(6, 8, 7)).astype(np.float32)
-    tracker.update(Frame(0, 0, 0.0, "0", None, Detections.create(masks), features))
+    tracker.update(frame_of_features())
     tracker.reset()
     tracker.update(*frames(1)[0])
     tracker.save(path)
@@ -110,12 +114,8 @@ def test_a_camera_may_give_one_buffer_again_and_again():
 
 
 def test_a_memory_that_is_refused_changes_nothing(tmp_path):
-    rng = np.random.default_rng(0)
-    features = rng.normal(size=(6, 8, 7)).astype(np.float32)
     given = Tracker(CONFIG)
-    given.update(
-        Frame(0, 0, 0.0, "0", None, Detections.create(np.ones((1, 96, 128), bool)), features)
-    )
+    given.update(frame_of_features())
     given.save(tmp_path / "given")
     tracker = Tracker({**CONFIG, "static": {**CONFIG["static"], "first_object_id": 1}})
     assert min(tracker.update(*frames(1)[0]).object_id) == 1

@@ -22,11 +22,7 @@ from remind_jax.method import list_methods
 from remind_jax.remind.state import init
 from remind_jax.session.announcement import Announcements
 from remind_jax.session.live import Tracker
-from remind_jax.session.memory_file import (
-    SavedMemory,
-    load_memory,
-    save_memory,
-)
+from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
 from remind_jax.session.memory_parts import SCHEMA_VERSION
 from tests import tiny_world
 from tests.cli import scenes

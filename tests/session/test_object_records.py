@@ -2,13 +2,12 @@
 
 import dataclasses
 import json
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.errors import OutputError, RemindError, SourceError
+from remind_jax.errors import OutputError, SourceError
 from remind_jax.files.tensors import read_safetensors_header
 from remind_jax.method import list_methods
 from remind_jax.session.filed_records import from_file, to_file
@@ -342,13 +341,6 @@ def test_a_view_is_judged_less_and_less_often(monkeypatch):
     pictures = pictures.next_visit().look(image, seen(50, [0]), 0)
     assert judged[-1] == 50
     assert len(pictures.best) == 2
-
-
-def test_names_by_two_threads_are_refused(tracker):
-    with ThreadPoolExecutor(1) as other, tracker._alone("advance"):
-        for call in (lambda: tracker.rename(0, "mug"), lambda: tracker.num_objects):
-            with pytest.raises(RemindError, match="two threads at once"):
-                other.submit(call).result()
 
 
 def test_what_is_one_stays_one_where_memory_lost_the_object_that_it_is_named_after():

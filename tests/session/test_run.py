@@ -229,11 +229,8 @@ def test_viewers_get_every_frame(tmp_path):
     with mcap.open("rb") as file:
         topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
     assert topics.count("/remind/tracks") == 3
-
-
-def test_records_need_a_folder(tmp_path):
     with pytest.raises(ConfigError, match="'mcap' records a run that is written to a folder"):
-        rj.run(PICTURES, mcap=tmp_path / "out.mcap")
+        rj.run(PICTURES, mcap=mcap)
 
 
 def test_a_memory_that_cannot_be_written_leaves_the_rest(tmp_path, monkeypatch):

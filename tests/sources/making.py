@@ -21,11 +21,17 @@ def picture(index: int, size: tuple[int, int] = SIZE) -> np.ndarray:
     return image
 
 
+def encode_image(suffix: str, image: np.ndarray) -> bytes:
+    """A picture, RGB or gray, as a file holds it."""
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
+    ok, data = cv2.imencode(suffix, bgr)
+    assert ok
+    return data.tobytes()
+
+
 def write_image(path: Path, image: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    ok, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    assert ok
-    path.write_bytes(data.tobytes())
+    path.write_bytes(encode_image(path.suffix, image))
 
 
 def write_images(folder: Path, names: list[str], size: tuple[int, int] = SIZE) -> None:
@@ -34,9 +40,7 @@ def write_images(folder: Path, names: list[str], size: tuple[int, int] = SIZE) -
 
 
 def gray_png(labels: np.ndarray) -> bytes:
-    ok, data = cv2.imencode(".png", labels)
-    assert ok
-    return data.tobytes()
+    return encode_image(".png", labels)
 
 
 def png(pixels: np.ndarray, depth: int, color_type: int, num_colors: int = 0) -> bytes:
@@ -111,6 +115,4 @@ def write_video(
 
 
 def jpg(index: int) -> bytes:
-    ok, data = cv2.imencode(".jpg", cv2.cvtColor(picture(index), cv2.COLOR_RGB2BGR))
-    assert ok
-    return data.tobytes()
+    return encode_image(".jpg", picture(index))

@@ -210,16 +210,13 @@ def test_a_camera_that_is_not_there(spec, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_camera_that_is_in_use(monkeypatch, tmp_path):
+def test_a_camera_that_is_in_use_or_may_not_be_read(monkeypatch):
     monkeypatch.setattr(cv2, "VideoCapture", Device)
     monkeypatch.setattr(capture.Path, "exists", lambda path: True)
-    monkeypatch.setattr(capture.os, "access", lambda path, mode: True)
-    with pytest.raises(Unreachable, match="camera 'camera-5' cannot be opened; does another prog"):
-        open_url(5)
-
-
-def test_a_camera_that_may_not_be_read(monkeypatch):
-    monkeypatch.setattr(capture.Path, "exists", lambda path: True)
-    monkeypatch.setattr(capture.os, "access", lambda path, mode: False)
-    with pytest.raises(Unreachable, match="may not be read by this user; allow it"):
-        open_url("/dev/video0")
+    for may_read, told in (
+        (True, "camera 'camera-5' cannot be opened; does another program"),
+        (False, "may not be read by this user; allow it"),
+    ):
+        monkeypatch.setattr(capture.os, "access", lambda path, mode, may=may_read: may)
+        with pytest.raises(Unreachable, match=told):
+            open_url(5)

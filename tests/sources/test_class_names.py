@@ -3,11 +3,7 @@ import json
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.sources.class_names import (
-    Metadata,
-    parse_metadata,
-    strip_number,
-)
+from remind_jax.sources.class_names import Metadata, parse_metadata, strip_number
 
 
 def parse(content, sequence="room"):

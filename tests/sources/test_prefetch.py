@@ -4,6 +4,7 @@ import time
 import pytest
 
 from remind_jax.sources import prefetch as module
+from tests.sources.test_feed import wait_for
 
 
 def prefetch(items, depth=4, size_of=lambda item: 1):
@@ -12,13 +13,6 @@ def prefetch(items, depth=4, size_of=lambda item: 1):
 
 def alive():
     return [t for t in threading.enumerate() if t.name.startswith("prefetch")]
-
-
-def wait_until(is_true, timeout_s=5.0):
-    end = time.monotonic() + timeout_s
-    while not is_true():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.002)
 
 
 def test_keeps_order():
@@ -48,7 +42,7 @@ def test_runs_ahead_but_not_further_than_depth(depth):
     results = prefetch(map(started.append, range(100)), depth)
     next(results)
     # The consumer took one, `depth` wait and one is in work (its result waits for room).
-    wait_until(lambda: len(started) == depth + 2)
+    wait_for(lambda: len(started) == depth + 2)
     time.sleep(0.02)
     assert len(started) == depth + 2
     results.close()
@@ -92,7 +86,7 @@ def test_large_results_wait_in_small_numbers(size, num_ahead):
 
     results = prefetch(map(start, range(100)), 3, size_of=lambda _: size)
     next(results)
-    wait_until(lambda: len(started) == 1 + num_ahead)
+    wait_for(lambda: len(started) == 1 + num_ahead)
     time.sleep(0.02)
     assert len(started) == 1 + num_ahead
     assert next(results) == 1

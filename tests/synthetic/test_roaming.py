@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from remind_jax.errors import ConfigError
 from remind_jax.synthetic import SceneOptions, make_scene, render
 
 OPTIONS = {
@@ -58,10 +57,3 @@ def test_the_camera_stands_and_the_objects_move_in_the_picture():
     moved = [np.ptp(np.array(way), axis=0).max() for way in centers.values() if len(way) > 8]
     assert len(moved) >= 3
     assert min(moved) > 10
-
-
-def test_bad_options_are_refused():
-    with pytest.raises(ConfigError, match="no way of the camera 'stil'"):
-        SceneOptions(camera="stil")
-    with pytest.raises(ConfigError, match=r"moved, removed, swapped and roaming add up to 1\.5"):
-        SceneOptions(moved=0.7, roaming=0.8)

@@ -1,5 +1,7 @@
 """Official tensors under Hugging Face's names, written out apart from the converter's tables."""
 
+import functools
+
 import numpy as np
 
 Tensors = dict[str, np.ndarray]
@@ -7,7 +9,11 @@ Tensors = dict[str, np.ndarray]
 
 def as_hugging_face(official: Tensors, family: str, copied: bool = True) -> Tensors:
     """The file that Hugging Face publishes for the same network; views if nothing is copied."""
-    rename = {"dinov3": _dinov3, "dinov2": _dinov2, "dino": _dino}[family]
+    rename = {
+        "dinov3": _dinov3,
+        "dinov2": functools.partial(_dinov2_or_dino, inner_names=_DINOV2_INNER),
+        "dino": functools.partial(_dinov2_or_dino, inner_names=_DINO_INNER),
+    }[family]
     out: Tensors = {}
     for key, value in official.items():
         if key.endswith(("periods", "bias_mask")) or key.startswith("local_cls_norm"):
@@ -70,39 +76,30 @@ _HF_OUTER = {
     "norm.weight": "layernorm.weight",
     "norm.bias": "layernorm.bias",
 }
-_HF_ATTENTION = {
+_HF_INNER = {
     "attn.q": "attention.attention.query",
     "attn.k": "attention.attention.key",
     "attn.v": "attention.attention.value",
     "attn.proj": "attention.output.dense",
 }
+_DINOV2_INNER = _HF_INNER | {
+    "mlp.w12": "mlp.weights_in",
+    "mlp.w3": "mlp.weights_out",
+    "ls1": "layer_scale1",
+    "ls2": "layer_scale2",
+}
+_DINO_INNER = _HF_INNER | {
+    "norm1": "layernorm_before",
+    "norm2": "layernorm_after",
+    "mlp.fc1": "intermediate.dense",
+    "mlp.fc2": "output.dense",
+}
 
 
-def _dinov2(name: str) -> str:
+def _dinov2_or_dino(name: str, inner_names: dict[str, str]) -> str:
     if not name.startswith("blocks."):
         return _HF_OUTER[name]
     number, rest = _block(name)
     inner, _, kind = rest.rpartition(".")
-    new = {
-        **_HF_ATTENTION,
-        "mlp.w12": "mlp.weights_in",
-        "mlp.w3": "mlp.weights_out",
-        "ls1": "layer_scale1",
-        "ls2": "layer_scale2",
-    }.get(inner, inner)
+    new = inner_names.get(inner, inner)
     return f"encoder.layer.{number}.{new}.{kind.replace('gamma', 'lambda1')}"
-
-
-def _dino(name: str) -> str:
-    if not name.startswith("blocks."):
-        return _HF_OUTER[name]
-    number, rest = _block(name)
-    inner, _, kind = rest.rpartition(".")
-    new = {
-        **_HF_ATTENTION,
-        "norm1": "layernorm_before",
-        "norm2": "layernorm_after",
-        "mlp.fc1": "intermediate.dense",
-        "mlp.fc2": "output.dense",
-    }[inner]
-    return f"encoder.layer.{number}.{new}.{kind}"
