@@ -79,7 +79,10 @@ def find_doubles(
     """
     names, look, linked = sightings.class_id, to_unit(sightings.look), origin != NO_SLOT
     renamed = sightings.valid[:, None] & sightings.valid & (names[:, None] != names)
-    same = (overlap_of(sightings.box, sightings.box) >= t.cropped) & (dot(look, look) > SAME_PIXELS)
+    area = sightings.size**2
+    same = jnp.minimum(area[:, None], area) >= t.cropped * jnp.maximum(area[:, None], area)
+    same &= overlap_of(sightings.box, sightings.box) >= t.cropped
+    same &= dot(look, look) > SAME_PIXELS
     # Of those of one age, the one that the detector gave first.
     rank = age - jnp.linspace(0.0, 0.5, len(age))
     same &= rank[:, None] < rank

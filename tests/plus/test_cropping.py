@@ -109,6 +109,7 @@ def test_of_two_names_of_the_same_pixels_the_one_of_the_longer_tracklet_stays():
     for other in (
         {"class_id": np.zeros(3, np.int32)},
         {"look": np.eye(3, dtype=np.float32)},
+        {"size": np.array([1, 0.8, 1], np.float32)},
         {"box": seen.box + np.array([[0], [0.2], [0]], np.float32)},
     ):
         seen_otherwise = dataclasses.replace(seen, **other)

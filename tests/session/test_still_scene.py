@@ -26,8 +26,9 @@ FEW = settings(
 
 @functools.cache
 def tracker_of(name: str) -> Tracker:
-    # Masks may lie on each other here.
-    return Tracker({"input": {"double_overlap": 0.0}}, tracker=name)
+    # Masks may lie on each other here, and are no second ones of one thing.
+    names = {"thresholds": {"names": {"cropped": 2.0}}} if name == "plus" else {}
+    return Tracker({"input": {"double_overlap": 0.0}, **names}, tracker=name)
 
 
 @st.composite
