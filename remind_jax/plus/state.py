@@ -131,7 +131,7 @@ class Scene:
     num_looks: Float[Array, ""]  # in their mean
     ring_mean: Float[Array, "D"]  # of backgrounds
     num_rings: Float[Array, ""]
-    total: Float[Array, "D D"]  # scatter of looks about the mean
+    total: Float[Array, "D D"]  # scatter of looks about the means of their classes
     total_weight: Float[Array, ""]  # looks in it
     within: Float[Array, "D D"]  # scatter of looks within tracklets
     within_weight: Float[Array, ""]

@@ -110,7 +110,9 @@ def learn_scatter(
     off_ring = _weighed(of_ring, sightings.ring - scene.ring_mean)
     mean = scene.mean + jnp.sum(off_mean, axis=0) / jnp.maximum(num_looks, _TINY)
     ring_mean = scene.ring_mean + jnp.sum(off_ring, axis=0) / jnp.maximum(num_rings, _TINY)
-    around = _weighed(jnp.sqrt(of_look), sightings.look - mean)
+    # How classes differ from each other tells nothing about the objects of one.
+    offset = class_offset(scene, sightings.class_id)
+    around = _weighed(jnp.sqrt(of_look), sightings.look - mean - offset)
     within = _weighed(jnp.sqrt(of_step), step)
     looks_fade, steps_fade = SCATTER_DECAY**looks, SCATTER_DECAY**steps
     place = frame % REFRESH_FRAMES

@@ -119,14 +119,17 @@ def test_the_mean_of_many_objects_counts_in_full():
 
 
 def test_scatters_are_the_sums_over_all_frames_however_late_they_are_summed():
+    """Those of looks about the means of their classes."""
     state, rng = empty_state(), np.random.default_rng(1)
+    offset = rng.normal(size=state.scene.class_offset.shape).astype(np.float32)
     scene, total, within = state.scene, np.zeros((3, 3)), np.zeros((3, 3))
     for frame in map(jnp.int32, range(13)):
         looks, step = rng.normal(size=(2, 3, 3)).astype(np.float32)
-        seen = detections(np.zeros((3, 2)), looks)
+        seen = detections(np.zeros((3, 2)), looks, class_id=np.arange(3))
         linked = jnp.arange(3) < frame % 4
+        scene = dataclasses.replace(scene, class_offset=jnp.asarray(offset))
         scene = learn_scatter(scene, seen, jnp.asarray(step), linked, FULL, frame)
-        around, moved = looks - np.asarray(scene.mean), step[np.asarray(linked)]
+        around, moved = looks - scene.mean - offset[:3], step[np.asarray(linked)]
         total = total * whitening.SCATTER_DECAY**3 + around.T @ around
         within = within * whitening.SCATTER_DECAY ** len(moved) + moved.T @ moved
         scene, _ = renew_whitening(scene, state.objects, seen, frame, T)
