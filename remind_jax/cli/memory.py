@@ -85,7 +85,8 @@ class Memory:
                 raise OutputError(f"'{written}' exists; name another one, or allow --overwrite")
         from remind_jax.session.memory_file import MemoryFile, load_memory
 
-        file = MemoryFile(self.out or path, is_read=self.out is None)
+        # A link to the memory in use stays one.
+        file = MemoryFile((self.out or path).resolve(), is_read=self.out is None)
         memory = load_memory(path)
         said = []
         if change is not None:

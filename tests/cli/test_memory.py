@@ -60,6 +60,14 @@ def test_changes_are_kept(command, memory):
     assert [one["id"] for one in listed(command, memory)] == [1]
 
 
+def test_a_change_by_a_link_is_one_of_the_file(command, memory, tmp_path):
+    link = tmp_path / "current.safetensors"
+    link.symlink_to(memory)
+    assert command("memory", link, "rename", 1, "my mug").code == process.FINE
+    assert link.is_symlink()
+    assert listed(command, memory)[1]["name"] == "my mug"
+
+
 def test_a_change_by_another_command_meanwhile_is_not_lost(command, memory, monkeypatch):
     from remind_jax.session import memory_file
 
