@@ -83,8 +83,10 @@ class Memory:
         for written in (self.out, self.pictures):
             if written is not None and written.exists() and not self.overwrite:
                 raise OutputError(f"'{written}' exists; name another one, or allow --overwrite")
-        from remind_jax.session.memory_file import load_memory, save_memory
+        from remind_jax.session.memory_file import MemoryFile, load_memory
 
+        # A link to the memory in use stays one.
+        file = MemoryFile((self.out or path).resolve(), is_read=self.out is None)
         memory = load_memory(path)
         said = []
         if change is not None:
@@ -93,7 +95,7 @@ class Memory:
             else:
                 memory, line = _apply(memory, *change)
                 said = [line]
-            save_memory(self.out or path, memory)
+            file.update(memory)
             kept = path.parent / CHECKPOINT_NAME / MEMORY_NAME
             if self.out is None and kept.exists():
                 said.append(

@@ -6,7 +6,7 @@
 const RETRY_MS = 1000;
 const SILENT_S = 2;
 const byId = (id) => document.getElementById(id);
-const image = byId("frame");
+let image = byId("frame");
 let version = -1;
 let age = null;  // {ms, at}: how old the picture was, and when that was said
 
@@ -130,10 +130,17 @@ function showAge() {
     age === null ? "–" : duration((age.ms + performance.now() - age.at) / 1000);
 }
 
+/** The last picture stays where the next one does not come, as when the run ends. */
 function loadPicture() {
   return new Promise((done) => {
-    image.onload = image.onerror = done;
-    image.src = `frame.jpg?v=${version}`;
+    const next = image.cloneNode();
+    next.onload = () => {
+      image.replaceWith(next);
+      image = next;
+      done();
+    };
+    next.onerror = done;
+    next.src = `frame.jpg?v=${version}`;
   });
 }
 

@@ -420,7 +420,8 @@ function drawNames() {
     ? make("div", { style }, lane.name)
     : make("button", { type: "button", style, title: `Show ${lane.name} at first sight`,
       onclick: () => seek(lane.seen[0][0]) },
-    make("span", {}, lane.label), make("b", {}, `\u00a0${lane.id}`))));
+    make("span", {}, lane.name === `${lane.label} ${lane.id}` ? lane.label : lane.name),
+    make("b", {}, `\u00a0${lane.id}`))));
 }
 
 function drawTimeline() {

@@ -60,6 +60,32 @@ def test_changes_are_kept(command, memory):
     assert [one["id"] for one in listed(command, memory)] == [1]
 
 
+def test_a_change_by_a_link_is_one_of_the_file(command, memory, tmp_path):
+    link = tmp_path / "current.safetensors"
+    link.symlink_to(memory)
+    assert command("memory", link, "rename", 1, "my mug").code == process.FINE
+    assert link.is_symlink()
+    assert listed(command, memory)[1]["name"] == "my mug"
+
+
+def test_a_change_by_another_command_meanwhile_is_not_lost(command, memory, monkeypatch):
+    from remind_jax.session import memory_file
+
+    load = memory_file.load_memory
+
+    def load_while_another_renames(path):
+        loaded = load(path)
+        monkeypatch.setattr(memory_file, "load_memory", load)
+        assert main(["memory", str(memory), "rename", "0", "first"]) == process.FINE
+        return loaded
+
+    monkeypatch.setattr(memory_file, "load_memory", load_while_another_renames)
+    refused = command("memory", memory, "rename", 1, "second")
+    assert refused.code != process.FINE
+    assert "was changed by another program meanwhile" in refused.stderr
+    assert [one["name"] for one in listed(command, memory)] == ["first", "", ""]
+
+
 def test_what_resuming_would_not_know_is_said(command, memory):
     kept = memory.parent / "checkpoint" / memory.name
     kept.parent.mkdir()

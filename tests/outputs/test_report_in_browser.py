@@ -146,6 +146,15 @@ def shown_names(page) -> list[list[str]]:
     )
 
 
+def test_the_timeline_names_what_people_named(browser, tmp_path):
+    frames, result = make_run(NUM_FRAMES, size=(240, 320))
+    named = [dataclasses.replace(tracks, names={1: "my <b>mug</b>"}) for tracks in result.tracks]
+    write_run(tmp_path, frames, dataclasses.replace(result, tracks=tuple(named)))
+    browser.get(f"file://{tmp_path / report.REPORT_NAME}")
+    lanes = "return [...document.querySelectorAll('#names button')].map((one) => one.textContent)"
+    assert browser.execute_script(lanes)[:2] == ["cup\u00a00", "my <b>mug</b>\u00a01"]
+
+
 def test_what_is_shown_can_be_filtered(page):
     from selenium.webdriver.support.ui import Select
 
