@@ -104,8 +104,8 @@ class MemoryFile:
         before = self._written
         if self._found_as not in (None, _identity(self.path)) and self.path.exists():
             raise OutputError(
-                f"'{self.path}' was changed by another program meanwhile; load it to go on from "
-                "that (of a command, repeat it), or write to another file"
+                f"'{self.path}' was changed by another program meanwhile; load it again (or repeat "
+                "the command) to go on from that, or write to another file"
             )
         self._written = None
         records = memory.records.kept(memory.object_ids())
