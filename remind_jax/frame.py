@@ -194,7 +194,7 @@ def check_frame(frame: Any) -> None:
         check_size(frame.image.shape[:2])
     if frame.features is not None:
         what = f"the features of frame '{frame.name}'"
-        _check_array(what, frame.features, 3, "fV", "numbers [rows, columns, width]")
+        _check_array(what, frame.features, 3, "fV", "floats [rows, columns, width]")
         if 0 in frame.features.shape:
             raise SourceError(f"{what} are {frame.features.shape}; there is nothing to compare")
     if frame.detections is not None:

@@ -8,6 +8,7 @@ nothing else, so that a function put around one of them counts everywhere.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
@@ -261,7 +262,11 @@ class Method:
 
         Returns:
           If the frame needs more slots than there are, only `overflow` is changed.
+
+        Raises:
+          ConfigError: If memory or frame were not made for these capacities.
         """
+        self._check_capacities(state, frame_feats, masks, static)
         thresholds = self.settings() if thresholds is None else thresholds
         options = {"static": static, "thresholds": thresholds}
         seen = self.describe(frame_feats, masks, observed, **options)
@@ -279,10 +284,8 @@ class Method:
                 "pair: the memory after the frame, and a trace or None"
             )
         after, trace = decided
-        old, new = dict(named_leaves(before)), dict(named_leaves(after))
-        wrong = next((name for name in old if np.shape(new.get(name, 0)) != old[name].shape), None)
-        if wrong is not None or jax.tree.structure(after) != jax.tree.structure(before):
-            found = f": '{wrong}' is not {list(old[wrong].shape)}" if wrong else ""
+        found = _difference(after, before)
+        if found is not None:
             raise ConfigError(
                 f"'decide' of tracker '{self.name}' returns a memory of another structure or "
                 f"shapes than it was given{found}; return that memory, changed, and a trace or None"
@@ -291,6 +294,30 @@ class Method:
             lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, before
         )
         return after, trace
+
+    def _check_capacities(
+        self, state: Any, frame_feats: AnyFeats, masks: Masks, static: Static
+    ) -> None:
+        """Raises ConfigError where arrays that do not fit would fail within, or be cut silently."""
+        width, slots = frame_feats.patches.shape[-1], len(masks.valid)
+        # A memory that keeps no features fits them all.
+        keeps = static.feature_dim or any(0 in np.shape(leaf) for leaf in jax.tree.leaves(state))
+        if keeps and static.feature_dim != width:
+            raise ConfigError(
+                f"the frame has features of {width} numbers, static.feature_dim is "
+                f"{static.feature_dim}; make `static`, and the memory, for such features"
+            )
+        if slots != static.num_detections:
+            raise ConfigError(
+                f"the frame has {slots} detection slots, static.num_detections is "
+                f"{static.num_detections}; make `static`, and the memory, for as many"
+            )
+        found = _difference(state, _shapes_of_empty(self.init, static))
+        if found is not None:
+            raise ConfigError(
+                f"the memory was not made by tracker '{self.name}' for this `static`{found}; give "
+                "that of its `init`, or enlarge it: `method.enlarge(state, static)`"
+            )
 
     def static(self, **capacities: Any) -> Static:
         """Capacities, the published ones where they are left out, with its switches as published.
@@ -367,6 +394,20 @@ def named_leaves(tree: Any) -> list[tuple[str, Any]]:
     """The leaves of a memory or of a trace, by dotted path."""
     paths, _ = jax.tree_util.tree_flatten_with_path(tree)
     return [(jax.tree_util.keystr(path, simple=True, separator="."), leaf) for path, leaf in paths]
+
+
+@functools.lru_cache(maxsize=64)
+def _shapes_of_empty(init: Callable[[Static], Any], static: Static) -> Any:
+    return jax.eval_shape(functools.partial(init, static))
+
+
+def _difference(found: Any, wanted: Any) -> str | None:
+    """In which leaf a memory differs from another, "" if in none, None if it does not."""
+    old, new = dict(named_leaves(wanted)), dict(named_leaves(found))
+    wrong = next((name for name in old if np.shape(new.get(name, 0)) != old[name].shape), None)
+    if wrong is not None:
+        return f": '{wrong}' is not {list(old[wrong].shape)}"
+    return None if jax.tree.structure(found) == jax.tree.structure(wanted) else ""
 
 
 def _fill(small: np.ndarray, large: np.ndarray) -> np.ndarray:

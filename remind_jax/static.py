@@ -58,6 +58,9 @@ class Static:
     # fmt: on
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.integer):  # as `ids.max() + 1` gives
+                object.__setattr__(self, name, int(value))
         check_fields(self, "static")
 
     @property

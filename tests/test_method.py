@@ -13,6 +13,7 @@ from remind_jax.backbone.registry import Backbone
 from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Decisions, Outcome, Overflow, no_decisions
 from remind_jax.errors import ConfigError, RemindError, SourceError
+from remind_jax.frame import Frame
 from remind_jax.method import Method, Needs, get_method, list_methods, register_method
 from remind_jax.session import live
 from remind_jax.static import Static
@@ -322,6 +323,46 @@ def test_a_scene_without_a_finite_feature_is_refused():
     overflowing = Backbone("overflowing", patch_px=16, dim=4, apply=overflow)
     with pytest.raises(SourceError, match=r"not one feature of .* is a finite number"):
         rj.stack_scene(scene_of_squares(), backbone=overflowing)
+
+
+def test_a_memory_or_frame_of_other_capacities_is_refused_in_a_step():
+    method, scene = get_method("iou"), rj.stack_scene(scene_of_squares(), {"tracker": "iou"})
+    frame = jax.tree.map(lambda leaf: leaf[0], scene.frames)
+
+    def step(state, **other):
+        return method.step(state, *frame, static=dataclasses.replace(scene.static, **other))
+
+    state = method.init(scene.static)
+    for num in (32, 128):
+        with pytest.raises(ConfigError, match=rf"'objects.id' is not \[{num}\]; .*enlarge"):
+            step(state, num_objects=num)
+    with pytest.raises(ConfigError, match=r"2 detection slots, static\.num_detections is 4"):
+        step(state, num_detections=4)
+    with pytest.raises(ConfigError, match=r"features of \d+ numbers, static\.feature_dim is 8"):
+        step(state, feature_dim=8)
+    bank = get_method("bank")
+    static = bank.static(num_detections=2)
+    with pytest.raises(ConfigError, match=r"\d+ numbers, static\.feature_dim is 0"):
+        bank.step(bank.init(static), *frame, static=static)
+    with pytest.raises(ConfigError, match="not made by tracker 'iou'"):
+        step(bank.init(scene.static))
+
+
+def test_a_scene_whose_features_change_their_shape_is_refused():
+    frames = [
+        Frame(i, i, 0.0, f"{i}", image, features=np.ones((4, 4, 3 + i), np.float32))
+        for i, (image, _) in enumerate(scene_of_squares()[:2])
+    ]
+    frames = [
+        dataclasses.replace(frame, detections=rj.Detections.create(two_masks())) for frame in frames
+    ]
+    with pytest.raises(SourceError, match=r"frame '1' .* are \[4, 4, 4\], .* first \[4, 4, 3\]"):
+        rj.stack_scene(frames)
+
+
+def test_capacities_may_be_counted_by_numpy():
+    static = Static(num_objects=np.int64(8))  # pyright: ignore[reportArgumentType]
+    assert repr(static) == repr(Static(num_objects=8))
 
 
 def test_a_method_is_what_a_configuration_of_its_name_runs():

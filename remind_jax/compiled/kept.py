@@ -66,7 +66,12 @@ def load(file: Path) -> tuple[jax.stages.Compiled, tuple[jax.ShapeDtypeStruct, .
         out_tree = jax.tree.structure(list(outputs))
         if b"lapack" in payload:
             _bind_lapack()
-        program = serialize_executable.deserialize_and_load(payload, in_tree, out_tree)
+        # It runs on one device, as it was made; the library would take all that there are.
+        with jax.ensure_compile_time_eval():
+            (device,) = jax.device_put(0).devices()
+        program = serialize_executable.deserialize_and_load(
+            payload, in_tree, out_tree, device.client, [device]
+        )
     except Exception as error:  # whatever the library says to a program of another kind
         _tell_rejected(file.parent, first_line(error))
         _remove(file)

@@ -291,7 +291,10 @@ def _as_tracker(name: Any, origin: str) -> str:
     """What should be the name of a tracker."""
     if not isinstance(name, str):
         shown = reprlib.repr(name)
-        raise ConfigError(f"tracker in {origin} is {shown}; it must be the name of a tracker")
+        raise ConfigError(
+            f"tracker in {origin} is {shown}; it must be the name of a tracker (`register_method` "
+            "adds one of your own)"
+        )
     return name
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from remind_jax.errors import ConfigError, nearest_names
 from remind_jax.files import as_path, records
-from remind_jax.method import PAPER_METHOD
+from remind_jax.method import PAPER_METHOD, list_methods
 
 _SUFFIXES = (".yaml", ".yml")
 
@@ -31,6 +31,11 @@ def find_file(name: str | Path) -> Path:
     shipped = list_configs()
     if str(name) not in shipped and path.exists():
         raise ConfigError(f"'{name}' is no configuration; give a {' or '.join(_SUFFIXES)} file")
+    if str(name) not in shipped and str(name) in list_methods():
+        raise ConfigError(
+            f"{str(name)!r} is a tracker and no configuration; choose it by --tracker, or give "
+            f"{{'tracker': {str(name)!r}}}"
+        )
     if str(name) not in shipped:
         hint = nearest_names(str(name), shipped)
         raise ConfigError(f"there is no configuration {str(name)!r}; {hint} (or give a .yaml file)")

@@ -219,6 +219,13 @@ def _read(
         for prepared in ahead:
             brings_features = prepared.features is not None
             feats.append(jax.device_get(reader.describe(prepared)))
+            shape, first = (one.patches.shape[-3:] for one in (feats[-1], feats[0]))
+            if shape != first:  # all that closeups share as well
+                raise SourceError(
+                    f"features of frame '{prepared.frame.name}' of '{source.name}' are "
+                    f"{list(shape)}, those of the first {list(first)}; give all frames features "
+                    "of one shape, or none"
+                )
             masks.append(prepared.masks)
             observed.append(prepared.observed)
             instances.append(prepared.detections.instance_ids)

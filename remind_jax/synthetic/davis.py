@@ -33,7 +33,8 @@ def write_davis(sequence: RenderedSequence | Scene, folder: str | Path) -> Path:
       The folder.
 
     Raises:
-      OutputError: If an id does not fit into 8 bits or a file cannot be written.
+      OutputError: If an id does not fit into 8 bits, another scene lies there, whose classes would
+        be replaced, or a file cannot be written.
     """
     scene = sequence.scene if isinstance(sequence, RenderedSequence) else sequence
     frames = sequence.frames if isinstance(sequence, RenderedSequence) else render(scene)
@@ -72,6 +73,12 @@ def _write_frames(
         )
     image_folder, map_folder = root / "JPEGImages" / scene.name, root / "Annotations" / scene.name
     with writing(root):
+        others = [path.name for path in root.glob("JPEGImages/*") if path != image_folder]
+        if others and (root / "metadata.json").exists():
+            raise OutputError(
+                f"'{root}' has a metadata.json of scene '{others[0]}'; give '{scene.name}' a "
+                f"folder of its own, or move that to Annotations/{others[0]}"
+            )
         for directory in (image_folder, map_folder):
             directory.mkdir(parents=True, exist_ok=True)
     sightings: dict[int, list[int]] = defaultdict(list)

@@ -172,3 +172,17 @@ def test_a_kept_program_calls_lapack_in_a_process_that_never_lowered_such_a_call
         )
         assert done.stdout.strip() == said
     assert len(files(folder)) == 1
+
+
+def test_a_kept_program_runs_where_there_are_several_devices(folder):
+    several = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    for _ in range(2):  # made, and found again
+        done = subprocess.run(
+            [sys.executable, "-c", _PROGRAM, "jnp.sum"],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, **several, "JAX_COMPILATION_CACHE_DIR": ""},
+        )
+        assert done.stdout.strip() == "12.0 False"
+    assert len(files(folder)) == 1

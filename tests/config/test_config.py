@@ -202,7 +202,10 @@ def test_bases_in_a_circle_are_refused(tmp_path):
         ({"base": "remind", "static": {"appearance_slots": 20}}, "a list"),
         ({"static.part_seed": 1}, "'static.part_seed' .* is a switch of tracker 'remind', and"),
         ({"static": {"solver": "magic"}}, "solver is 'magic'; allowed: host, jax"),
-        ({"tracker": 3}, "tracker in changes is 3; it must be the name of a tracker"),
+        (
+            {"tracker": 3},
+            "tracker in changes is 3; it must be the name of a tracker .`register_method`",
+        ),
         (
             {"matching": {"match": 0.7}},
             "'matching.match' in changes is a threshold of tracker 'remi",
@@ -219,6 +222,7 @@ def test_bases_in_a_circle_are_refused(tmp_path):
         ),
         ({"base": 3}, "base in changes is 3; it must be the name"),
         ({"base": "remnid"}, "no configuration 'remnid'.*'remind'"),
+        ({"base": "bank"}, "'bank' is a tracker and no configuration; choose it by --tracker"),
     ],
 )
 def test_wrong_values_are_answered_in_one_sentence(changes, words):

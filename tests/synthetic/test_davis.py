@@ -71,3 +71,15 @@ def test_ids_beyond_eight_bits_are_refused(tiny, tmp_path):
     scene = dataclasses.replace(tiny.scene, objects=(item,))
     with pytest.raises(OutputError, match="256 does not fit"):
         write_davis(scene, tmp_path)
+
+
+def test_the_classes_of_another_scene_are_not_replaced(tiny, tmp_path):
+    write_davis(tiny, tmp_path)
+    write_davis(tiny, tmp_path)  # again
+    other = dataclasses.replace(tiny.scene, name="other")
+    with pytest.raises(OutputError, match=r"metadata\.json of scene 'tiny'; give 'other' a folder"):
+        write_davis(other, tmp_path)
+    (tmp_path / "metadata.json").rename(tmp_path / "Annotations" / "tiny" / "metadata.json")
+    write_davis(other, tmp_path)
+    for name in ("tiny", "other"):
+        assert len(list(open_source(tmp_path, sequence=name))) == len(tiny.frames)
