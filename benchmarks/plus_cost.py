@@ -127,6 +127,7 @@ def _corridor(num_frames: int, num_things: int, dim: int = 64, most: int = 14) -
     sightings = Sightings(
         look=look[which] + rng.normal(0, 0.3, (*shape, dim)).astype(np.float32),
         is_background=np.zeros((num_frames, dim), bool),
+        light_changes=np.zeros((num_frames, 0, dim), np.float32),
         ring=np.ones((*shape, dim), np.float32),
         has_ring=present,
         box=np.concatenate([center - half, center + half], axis=-1),
@@ -171,6 +172,7 @@ def _made_up_frames(detections: int, objects: int, dim: int) -> list[Any]:
                 Sightings(
                     look=look[index] + 0.1 * rng.normal(size=(detections, dim)).astype(np.float32),
                     is_background=np.zeros(dim, bool),
+                    light_changes=np.zeros((0, dim), np.float32),
                     ring=look[index],
                     has_ring=here,
                     box=np.concatenate([center - half, center + half], axis=1),

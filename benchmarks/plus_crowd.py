@@ -114,6 +114,7 @@ def _frame(room: int, look: Any, place: Any, size: Any, rng: np.random.Generator
     sightings = Sightings(
         look=padded(look + noise),
         is_background=np.zeros(DIM, bool),
+        light_changes=np.zeros((0, DIM), np.float32),
         ring=padded(look[:, ::-1].copy()),
         has_ring=here,
         box=padded(np.concatenate([center - half, center + half], axis=1)),

@@ -29,6 +29,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.light_changes import NUM_DIRECTIONS
 from benchmarks.rows import show_rows
 from remind_jax.compiled.compiler_options import compiler_options
 from remind_jax.masks.closeups import CLOSEUP_PATCHES
@@ -84,6 +85,7 @@ def example_input(method: Method) -> tuple[AnyFeats, Any, Any]:
             np.zeros((*shape, STATIC.feature_dim), np.float32),
             np.zeros(shape, np.float32),
             np.zeros(STATIC.feature_dim, bool),
+            np.zeros((NUM_DIRECTIONS, STATIC.feature_dim), np.float32),
             feats.frame_size,
         )
     gaps = {"exact_gap_max": None} if method.needs.gap_options is None else {}

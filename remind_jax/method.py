@@ -288,7 +288,7 @@ class Method:
         if found is not None:
             raise ConfigError(
                 f"'decide' of tracker '{self.name}' returns a memory of another structure or "
-                f"shapes than it was given{found}; return that memory, changed, and a trace or None"
+                f"shapes than it was given: {found}; return that, changed, and a trace or None"
             )
         after = jax.tree.map(
             lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, before
@@ -300,9 +300,10 @@ class Method:
     ) -> None:
         """Raises ConfigError where arrays that do not fit would fail within, or be cut silently."""
         width, slots = frame_feats.patches.shape[-1], len(masks.valid)
+        made_for = _shapes_of_empty(self.init, static)
         # A memory that keeps no features fits them all.
-        keeps = static.feature_dim or any(0 in np.shape(leaf) for leaf in jax.tree.leaves(state))
-        if keeps and static.feature_dim != width:
+        fitting = dataclasses.replace(static, feature_dim=width)
+        if _difference(made_for, _shapes_of_empty(self.init, fitting)) is not None:
             raise ConfigError(
                 f"the frame has features of {width} numbers, static.feature_dim is "
                 f"{static.feature_dim}; make `static`, and the memory, for such features"
@@ -312,11 +313,11 @@ class Method:
                 f"the frame has {slots} detection slots, static.num_detections is "
                 f"{static.num_detections}; make `static`, and the memory, for as many"
             )
-        found = _difference(state, _shapes_of_empty(self.init, static))
+        found = _difference(state, made_for)
         if found is not None:
             raise ConfigError(
-                f"the memory was not made by tracker '{self.name}' for this `static`{found}; give "
-                "that of its `init`, or enlarge it: `method.enlarge(state, static)`"
+                f"the memory was not made by tracker '{self.name}' for this `static`: {found}; "
+                "give that of its `init`, or enlarge it: `method.enlarge(state, static)`"
             )
 
     def static(self, **capacities: Any) -> Static:
@@ -402,12 +403,13 @@ def _shapes_of_empty(init: Callable[[Static], Any], static: Static) -> Any:
 
 
 def _difference(found: Any, wanted: Any) -> str | None:
-    """In which leaf a memory differs from another, "" if in none, None if it does not."""
+    """How a memory differs from another; None if it does not."""
     old, new = dict(named_leaves(wanted)), dict(named_leaves(found))
     wrong = next((name for name in old if np.shape(new.get(name, 0)) != old[name].shape), None)
     if wrong is not None:
-        return f": '{wrong}' is not {list(old[wrong].shape)}"
-    return None if jax.tree.structure(found) == jax.tree.structure(wanted) else ""
+        return f"'{wrong}' is not {list(old[wrong].shape)}"
+    same = jax.tree.structure(found) == jax.tree.structure(wanted)
+    return None if same else "it has another structure"
 
 
 def _fill(small: np.ndarray, large: np.ndarray) -> np.ndarray:

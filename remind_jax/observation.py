@@ -55,6 +55,7 @@ class CloseupFeats:
     patches: Float[AnyArray, "N V V D"]  # raw patch features, not normalized
     coverage: Float[AnyArray, "N V V"]  # share of each patch inside the mask, [0, 1]
     is_background: Bool[AnyArray, "D"]  # channels that tell of the background
+    light_changes: Float[AnyArray, "G D"]  # main directions of change by the color of light
     frame_size: Int[AnyArray, "2"]  # height and width in pixels
 
 
@@ -108,6 +109,13 @@ def background_channels(frame_feats: AnyFeats) -> Bool[AnyArray, "D"]:
     if isinstance(frame_feats, CloseupFeats):
         return frame_feats.is_background
     return np.zeros(frame_feats.patches.shape[-1], bool)
+
+
+def light_changes(frame_feats: AnyFeats) -> Float[AnyArray, "G D"]:
+    """Main directions in which looks change with the color of light; none where not known."""
+    if isinstance(frame_feats, CloseupFeats):
+        return frame_feats.light_changes
+    return np.zeros((0, frame_feats.patches.shape[-1]), np.float32)
 
 
 @jax.tree_util.register_dataclass

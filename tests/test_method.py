@@ -338,12 +338,12 @@ def test_a_memory_or_frame_of_other_capacities_is_refused_in_a_step():
             step(state, num_objects=num)
     with pytest.raises(ConfigError, match=r"2 detection slots, static\.num_detections is 4"):
         step(state, num_detections=4)
-    with pytest.raises(ConfigError, match=r"features of \d+ numbers, static\.feature_dim is 8"):
-        step(state, feature_dim=8)
+    step(state, feature_dim=8)  # keeps none
     bank = get_method("bank")
-    static = bank.static(num_detections=2)
-    with pytest.raises(ConfigError, match=r"\d+ numbers, static\.feature_dim is 0"):
-        bank.step(bank.init(static), *frame, static=static)
+    for dim in (0, 8):
+        static = bank.static(num_detections=2, feature_dim=dim)
+        with pytest.raises(ConfigError, match=rf"\d+ numbers, static\.feature_dim is {dim}"):
+            bank.step(bank.init(static), *frame, static=static)
     with pytest.raises(ConfigError, match="not made by tracker 'iou'"):
         step(bank.init(scene.static))
 

@@ -30,6 +30,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -105,6 +106,7 @@ OF_OBJECT = (HUE, SURROUND, TEXTURE, LUMINANCE, GRADIENT)
 OF_BACKGROUND = (HUE_NEAR, TEXTURE, LUMINANCE)
 BACKGROUND_WEIGHT = 0.7  # length of its features, beside those of the object
 OUTSIDE_WEIGHT = 0.02  # of a patch that the object does not touch, beside one that it covers
+LIGHT_CHANGES = Path(__file__).with_name("light_changes.npy")  # made by benchmarks/light_changes.py
 
 
 @jax.tree_util.register_dataclass
@@ -151,6 +153,7 @@ def patch_statistics() -> Backbone:
         apply_to=apply_to,
         apply_closeups=kept(f"{DEFAULT_BACKBONE}-closeups", describe_closeup),
         num_background=_num_features(OF_BACKGROUND),
+        light_changes=np.load(LIGHT_CHANGES).astype(np.float32),
     )
 
 

@@ -53,6 +53,9 @@ class Backbone:
     # `num_background` channels, of its background. Left out, such pictures are read as frames are.
     apply_closeups: Callable[[Any, Any, Any], Any] | None = None
     num_background: int = 0
+    # Main directions in which these change where light has another color, each as long as the mean
+    # change along it; left out where they are not known.
+    light_changes: Float[np.ndarray, "G D"] | None = dataclasses.field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("patch_px", "dim"):

@@ -14,7 +14,14 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pooling import pool_patches, to_unit
-from remind_jax.observation import AnyArray, AnyFeats, Masks, background_channels, coverage_of
+from remind_jax.observation import (
+    AnyArray,
+    AnyFeats,
+    Masks,
+    background_channels,
+    coverage_of,
+    light_changes,
+)
 from remind_jax.plus.thresholds import FRAME_AREA
 
 RING_PATCHES = 2  # the background is looked at this far around an object
@@ -38,6 +45,7 @@ class Sightings:
 
     look: Float[Array, "N D"]  # mean feature of the object, in some channels of its background
     is_background: Bool[Array, "D"]  # channels of the look that tell of the background
+    light_changes: Float[Array, "G D"]  # main directions of change of looks by the color of light
     ring: Float[Array, "N D"]  # mean feature of the background around it
     has_ring: Bool[Array, "N"]
     box: Float[Array, "N 4"]  # left, top, right, bottom
@@ -94,6 +102,7 @@ def observe(
     sightings = Sightings(
         look=look,
         is_background=is_background,
+        light_changes=jnp.asarray(light_changes(frame_feats), jnp.float32),
         ring=ring,
         has_ring=has_ring & valid,
         box=jnp.asarray(masks.box, jnp.float32) / unit,

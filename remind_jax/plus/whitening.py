@@ -47,6 +47,7 @@ PRIOR_ROUND = 0.7  # part of it that is equal in all directions
 # What is added to the scatter within tracklets.
 RIDGE = 0.1  # of its mean variance, in all directions
 TOTAL_SHARE = 0.02  # share of the total scatter
+LIGHT_SHARE = 0.1  # share of what light of another color changes
 MEAN_PRIOR = 0.15  # squared objects beyond the first that the mean of all is believed half from
 UNLIKE = 0.7  # cosine of looks of two objects about no mean at all
 CLASS_PRIOR = 3.0  # objects of a class beyond the first that its mean is believed half from
@@ -153,7 +154,7 @@ def renew_whitening(
         total = sum_up(before.total, scene.recent_looks, scene.looks_fade)
         within = sum_up(before.within, scene.recent_steps, scene.steps_fade)
         renewed = dataclasses.replace(scene, total=total, within=within)
-        renewed = _refit(renewed, sightings.is_background, believed, t.looks)
+        renewed = _refit(renewed, sightings, believed, t.looks)
         renewed = dataclasses.replace(renewed, class_offset=_offset_classes(objects, renewed, t))
         banks = objects.bank - class_offset(renewed, objects.class_id)[:, None]
         return _Whitening(
@@ -217,9 +218,7 @@ def _believe_mean(objects: Objects, sightings: Sightings) -> Float[Array, ""]:
     return others**2 / (others**2 + MEAN_PRIOR)
 
 
-def _refit(
-    scene: Scene, is_background: Bool[Array, "D"], believed: Float[Array, ""], t: th.Looks
-) -> Scene:
+def _refit(scene: Scene, sightings: Sightings, believed: Float[Array, ""], t: th.Looks) -> Scene:
     dim, directions = scene.basis.shape
     total = scene.total / jnp.maximum(scene.total_weight, 1.0)
     # As far as it is not that of several objects, they are assumed to differ in all directions.
@@ -242,7 +241,9 @@ def _refit(
 
     assumed = PRIOR_ROUND * mean_variance(total) * identity + (1.0 - PRIOR_ROUND) * total
     within = within + PRIOR_SAMPLES * PRIOR_SHARE * assumed
-    within = within / (scene.within_weight + PRIOR_SAMPLES)
+    # Light need not have changed yet to be another one when things come back.
+    of_light = sightings.light_changes @ basis
+    within = within / (scene.within_weight + PRIOR_SAMPLES) + LIGHT_SHARE * of_light.T @ of_light
     shaped = within + RIDGE * mean_variance(within) * identity + TOTAL_SHARE * total
     shaped = jnp.where(t.whitening, shaped, identity) + _TINY * identity
     # Any root of the inverse gives the same cosines.
@@ -251,7 +252,7 @@ def _refit(
     usable = jnp.all(jnp.isfinite(diagonal(root)))
     whitener = jnp.where(usable, root @ basis.T, scene.whitener)
     doubted = 1.0 - believed
-    white_mean = jnp.where(is_background, scene.mean, believed * scene.mean)
+    white_mean = jnp.where(sightings.is_background, scene.mean, believed * scene.mean)
     # Of looks with a cosine of UNLIKE, what is left of their products and of their squares.
     raised = doubted**2 * UNLIKE / (1.0 - UNLIKE + doubted**2 * UNLIKE)
     return dataclasses.replace(

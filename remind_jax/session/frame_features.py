@@ -88,7 +88,9 @@ class FrameFeatures:
             patches = self._describe_closeups(prepared.closeups)
             dim = patches.shape[-1]
             is_background = np.arange(dim) >= dim - self._backbone.num_background
-            return CloseupFeats(patches, prepared.closeups.coverage, is_background, size)
+            changes = self._backbone.light_changes
+            changes = np.zeros((0, dim), np.float32) if changes is None else changes
+            return CloseupFeats(patches, prepared.closeups.coverage, is_background, changes, size)
         images = prepared.image[None]
         heads = self._attention_heads(static)
         if heads is None:

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.light_changes import measure_changes
 from remind_jax.backbone import get_backbone
 from remind_jax.backbone.patch_statistics import (
     BACKGROUND_WEIGHT,
@@ -156,6 +157,17 @@ def describe_closeups(images, coverage=COVERED, wanted=None) -> tuple[np.ndarray
     both = np.asarray(get_backbone().extract_closeups(np.stack(images), wanted, coverage))
     num_object = both.shape[-1] - get_backbone().num_background
     return both[..., :num_object], both[..., num_object:]
+
+
+def test_what_light_of_another_color_changes_is_what_is_said_of_it():
+    """In pictures that were not used to find it."""
+    said = get_backbone().light_changes
+    length = np.linalg.norm(said, axis=1)
+    changes = measure_changes(24, seed=1)
+    along = changes @ (said / length[:, None]).T
+    assert np.sum(along**2) > 0.9 * np.sum(changes**2)
+    longest = np.sqrt(np.mean(along[:, :8] ** 2, axis=0))
+    np.testing.assert_allclose(longest, length[:8], rtol=0.4)  # of 24 pictures
 
 
 def channels(blocks) -> list[int]:

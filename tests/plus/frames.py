@@ -26,6 +26,7 @@ def detections(centers, looks=None, **fields) -> Sightings:
     values = Sightings(
         look=look.astype(np.float32),
         is_background=np.zeros(look.shape[1], bool),
+        light_changes=np.zeros((0, look.shape[1]), np.float32),
         ring=np.zeros((num, DIM), np.float32),
         has_ring=np.zeros(num, bool),
         box=np.concatenate([center - 0.5, center + 0.5], axis=1),

@@ -46,12 +46,14 @@ def test_a_look_has_its_background_in_the_channels_that_tell_of_it():
     masks = reduce_masks(
         np.ones((1, 48, 64), bool), np.zeros(1, np.int32), np.ones(1), num_slots=1, patch_px=8
     )
-    feats = CloseupFeats(patches, coverage, is_background, np.array([48, 64]))
+    changes = np.array([[0.0, 0.1, 0.0, 0.2]], np.float32)
+    feats = CloseupFeats(patches, coverage, is_background, changes, np.array([48, 64]))
     still = Motion(jnp.eye(2, 3), jnp.float32(1), jnp.array([48, 64], jnp.int32), jnp.float32(1))
     sightings, _ = OBSERVE(feats, masks, still, jnp.array(False))
     np.testing.assert_allclose(sightings.look[0], [1.0, 0.0, 0.0, 5.0], atol=1e-6)
     np.testing.assert_allclose(sightings.ring[0], [0.0, 0.0, 0.0, 5.0], atol=1e-6)
     assert sightings.is_background.tolist() == is_background.tolist()
+    assert sightings.light_changes.tolist() == changes.tolist()
 
 
 @pytest.mark.parametrize("scale", [2, 5])

@@ -194,7 +194,10 @@ def widened(walk: Walk) -> Walk:
         return np.concatenate([leaf, np.zeros_like(leaf[:, :1])], axis=1)
 
     wide = jax.tree.map(widen, walk.sightings)
-    wide = dataclasses.replace(wide, is_background=walk.sightings.is_background)
+    of_channels = ("is_background", "light_changes")
+    wide = dataclasses.replace(
+        wide, **{name: getattr(walk.sightings, name) for name in of_channels}
+    )
     return Walk(wide, walk.motion, widen(walk.thing))
 
 

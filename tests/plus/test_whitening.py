@@ -48,6 +48,18 @@ def test_what_varies_within_tracklets_counts_less():
     np.testing.assert_allclose(jnp.linalg.norm(base), 1.0, rtol=1e-5)
 
 
+def test_what_light_of_another_color_changes_counts_less_before_it_did():
+    state = empty_state()
+
+    def cosine(change: float) -> float:
+        seen = dataclasses.replace(MANY, light_changes=jnp.float32([[0.0, 0.0, change]]))
+        scene, _ = renew_whitening(learned(), state.objects, seen, jnp.int32(60), T)
+        before, after = whiten(scene, jnp.float32([KIND, [0.0, 1.0, 0.5]]))
+        return float(before @ after)
+
+    assert cosine(0.0) + 0.05 < cosine(0.7) < cosine(2.0) - 0.01
+
+
 def test_what_is_remembered_is_whitened_anew_when_it_is_due():
     objects = objects_of([KIND])
     scene, renewed = renew_whitening(learned(), objects, MANY, jnp.int32(60), T)
