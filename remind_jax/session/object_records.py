@@ -108,7 +108,7 @@ class ObjectRecords:
     def merged_into(self) -> Mapping[int, int]:
         """What people declared to be another object, and the one whose id all have in the end."""
         last: dict[int, int] = {}
-        for gone, kept in reversed(self.merges.items()):  # what that was merged into came later
+        for gone, kept in [*self.merges.items()][::-1]:  # what took in that one came later
             last[gone] = last.get(kept, kept)
         return last
 
