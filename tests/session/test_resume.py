@@ -171,7 +171,7 @@ OTHERS = (
     (PICTURES[:2], {}, "num_frames 8, not 2"),
     (PICTURES, {"config": {"tracker": "bank", "match": 0.6}}, "config.thresholds.match 0"),
     (PICTURES, {"announce_after": 2}, "announce_after 1, not 2"),
-    (PICTURES, {"tracker": "momentum"}, "config.tracker 'bank', not 'iou'"),
+    (PICTURES, {"tracker": "iou"}, "config.tracker 'bank', not 'iou'"),
     (PICTURES, {"name": "other"}, "name 'frames', not 'other'"),
 )
 
