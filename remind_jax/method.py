@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
+import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -122,6 +123,11 @@ class Joined:
     ambiguous: Mapping[int, tuple[int, ...]]
 
 
+def no_evidence(state: Any) -> Mapping[str, Any]:
+    """What answers that are never revised need."""
+    return {}
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Host:
     """What the shell asks of a method beside its steps, on the host; whatever may be left out."""
@@ -144,7 +150,7 @@ class Host:
     delayed: Callable[[int], Any] | None = None
     # What that needs of a memory after a frame, `evidence(state) -> {name: [N]}`, whole numbers by
     # detection slot (also called under `jit`).
-    evidence: Callable[[Any], Mapping[str, Any]] = lambda _: {}
+    evidence: Callable[[Any], Mapping[str, Any]] = no_evidence
     # `remove(state, empty, ids)` takes objects out of memory, with all that only they left behind;
     # `empty` is the memory without any. Left out, it cannot.
     remove: Callable[[Any, Any, np.ndarray], Any] | None = None
@@ -346,10 +352,20 @@ class Method:
 
         Args:
           empty: What `make_empty` gave for them, which is used up; made now if left out.
+
+        Raises:
+          ConfigError: If one of them is smaller than that of the memory.
         """
         # On the host, where reading a column compiles nothing: a frame waits for this.
         state = jax.device_get(state)
         empty = self.make_empty(static) if empty is None else empty
+        for (name, leaf), room in zip(named_leaves(state), jax.tree.leaves(empty), strict=False):
+            if any(map(operator.gt, np.shape(leaf), room.shape)):
+                raise ConfigError(
+                    f"the memory of tracker '{self.name}' does not fit into this `static`: "
+                    f"'{name}' is {list(leaf.shape)}, and there is room for {list(room.shape)}; "
+                    "make a `static` that is no smaller than that of the memory"
+                )
         return (self.host.grow or extend)(state, empty)
 
     def forget(self, state: Any, object_ids: Iterable[int], static: Static) -> Any:

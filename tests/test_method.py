@@ -1,6 +1,7 @@
 """Trackers by name, and that a run needs nothing else of them."""
 
 import dataclasses
+import pickle
 
 import jax
 import jax.numpy as jnp
@@ -336,6 +337,9 @@ def test_a_memory_or_frame_of_other_capacities_is_refused_in_a_step():
     for num in (32, 128):
         with pytest.raises(ConfigError, match=rf"'objects.id' is not \[{num}\]; .*enlarge"):
             step(state, num_objects=num)
+    small = dataclasses.replace(scene.static, num_objects=8)
+    with pytest.raises(ConfigError, match=r"'objects.id' is \[64\], .* room for \[8\]"):
+        method.enlarge(state, small)
     with pytest.raises(ConfigError, match=r"2 detection slots, static\.num_detections is 4"):
         step(state, num_detections=4)
     step(state, feature_dim=8)  # keeps none
@@ -363,6 +367,11 @@ def test_a_scene_whose_features_change_their_shape_is_refused():
 def test_capacities_may_be_counted_by_numpy():
     static = Static(num_objects=np.int64(8))  # pyright: ignore[reportArgumentType]
     assert repr(static) == repr(Static(num_objects=8))
+
+
+@pytest.mark.parametrize("name", list_methods())
+def test_a_method_can_be_sent_to_another_process(name):
+    assert pickle.loads(pickle.dumps(get_method(name))).decide is get_method(name).decide
 
 
 def test_a_method_is_what_a_configuration_of_its_name_runs():

@@ -208,7 +208,7 @@ def _see(shape: Any, size: _Size | None) -> _Sight:
         points = [point.split(",") for point in shape.points.split(";")]
         corners = np.array(points, float)
         if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) <= 1e9).all():
-            raise ValueError("give three or more finite points, 'x,y;x,y;x,y'")
+            raise ValueError("its points are not three or more finite ones, 'x,y;x,y;x,y'")
         return _Sight(shape.frame, rle=encode_polygon(corners, size))
     if shape.top + shape.height > size[0] or shape.left + shape.width > size[1]:
         raise ValueError(f"its box leaves the frame of {size[1]}x{size[0]} pixels")

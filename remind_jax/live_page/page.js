@@ -37,7 +37,8 @@ function sentence(state) {
     case "ended": return `${state.shown}: ended; everything is written to the folder of the run`;
     case "connected":
       return state.silent_s > SILENT_S
-        ? `${state.shown}: connected, but silent for ${silent}` : `${state.shown}: connected`;
+        ? `${state.shown}: connected, but no picture that can be used for ${silent}`
+        : `${state.shown}: connected`;
     default: return `${state.shown}: recorded`;
   }
 }

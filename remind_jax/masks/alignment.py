@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from remind_jax.crops import Crops, nearest_places
-from remind_jax.errors import SourceError
+from remind_jax.errors import UnreadableFrame
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Alignment:
           center_crop: Crop in the middle, else at the top left.
 
         Raises:
-          SourceError: If the frame is smaller than a patch.
+          UnreadableFrame: If the frame is smaller than a patch.
         """
         height, width = frame_size
         if width > max_width_px:
@@ -40,7 +40,7 @@ class Alignment:
         rows, columns = patch_px * (height // patch_px), patch_px * (width // patch_px)
         if not rows or not columns:
             scaled = "" if (height, width) == frame_size else f", scaled to {width}x{height},"
-            raise SourceError(
+            raise UnreadableFrame(
                 f"a frame of {frame_size[1]}x{frame_size[0]} pixels{scaled} is smaller than one "
                 f"patch; both sides must be at least {patch_px} pixels"
             )

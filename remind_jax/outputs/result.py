@@ -98,7 +98,12 @@ class Result(Printable):
     def not_met(self) -> tuple[KnownObject, ...]:
         """The objects that the memory knew before the run and that were not met in it."""
         met = {int(one) for tracks in self.tracks for one in tracks.object_id}
-        return tuple(one for one in self.info.known_objects if one.object_id not in met)
+        names = self.info.object_names
+        return tuple(
+            dataclasses.replace(one, name=names.get(one.object_id, ""))
+            for one in self.info.known_objects
+            if one.object_id not in met
+        )
 
     def summary(self) -> dict[str, Any]:
         """Counts, shares of the outcomes and times, as `json` can write them."""

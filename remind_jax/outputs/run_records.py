@@ -250,6 +250,8 @@ class RunInfo(Printable):
     detector: dict[str, Any] | None = None  # what found the detections; None for given masks
     # of the memory that the run went on from
     known_objects: Annotated[tuple[KnownObject, ...], Meta(max_length=1_000_000)] = ()
+    # of its checkpoint, where people changed their names before it went on
+    renamed: Annotated[tuple[KnownObject, ...], Meta(max_length=1_000_000)] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.config.get("tracker"), str):
@@ -271,7 +273,8 @@ class RunInfo(Printable):
     @property
     def object_names(self) -> dict[int, str]:
         """Names that people gave to objects, by id."""
-        return {one.object_id: one.name for one in self.known_objects if one.name}
+        told = {one.object_id: one.name for one in (*self.known_objects, *self.renamed)}
+        return {object_id: name for object_id, name in told.items() if name}
 
     @property
     def tracker(self) -> str:

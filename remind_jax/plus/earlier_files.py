@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -44,23 +45,38 @@ LENGTHENED = ("objects.bank", "objects.bank_count", "objects.white_bank")
 # Leaves that there are no more.
 GONE_LEAVES = ("answers.merged_id",)
 
+
+def _leaf(name: str, file: Mapping[str, np.ndarray]) -> np.ndarray:
+    return file[name]
+
+
+def _is_object(file: Mapping[str, np.ndarray]) -> np.ndarray:
+    return file["objects.id"] != NO_ID
+
+
+def _corners_middle(file: Mapping[str, np.ndarray]) -> np.ndarray:
+    return file["tracklets.box"].reshape(-1, 2, 2).mean(axis=1)
+
+
+def _frames_unseen(file: Mapping[str, np.ndarray]) -> np.ndarray:
+    return file["tracklets.alive"] * (file["frame"] - 1 - file["tracklets.last"])
+
+
 # Leaves that came later, and what they were then by the others; None: as in an empty memory.
 NEW_LEAVES: dict[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] = {
     "ticks": None,
     "phase": None,
-    "objects.class_lead": lambda file: file["objects.seen"],
-    "objects.visits": lambda file: file["objects.id"] != NO_ID,
-    "tracklets.class_lead": lambda file: file["tracklets.age"],
-    "tracklets.course": lambda file: file["tracklets.box"].reshape(-1, 2, 2).mean(axis=1),
-    "tracklets.duration": lambda file: file["tracklets.age"],
-    "tracklets.last_class": lambda file: file["tracklets.class_id"],
+    "objects.class_lead": functools.partial(_leaf, "objects.seen"),
+    "objects.visits": _is_object,
+    "tracklets.class_lead": functools.partial(_leaf, "tracklets.age"),
+    "tracklets.course": _corners_middle,
+    "tracklets.duration": functools.partial(_leaf, "tracklets.age"),
+    "tracklets.last_class": functools.partial(_leaf, "tracklets.class_id"),
     "tracklets.met": None,
     "tracklets.met_id": None,
-    "tracklets.pace": lambda file: file["tracklets.drift"],
+    "tracklets.pace": functools.partial(_leaf, "tracklets.drift"),
     "tracklets.trust": None,
-    "tracklets.unseen": lambda file: (
-        file["tracklets.alive"] * (file["frame"] - 1 - file["tracklets.last"])
-    ),
+    "tracklets.unseen": _frames_unseen,
     "scene.class_cosines": None,
     "scene.class_offset": None,
     "scene.raised": None,

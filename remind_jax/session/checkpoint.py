@@ -39,7 +39,8 @@ EVERY_S = 10.0  # seconds between checkpoints, or more where one is expensive:
 MAX_OF_A_RUN = 0.01  # share of the time that they may take
 FRAMES_NAME = "frames.jsonl"
 _FORMAT, _VERSION = "remind-jax checkpoint", 2
-_NOT_COMPARED = ("info.started_at", "info.class_names", "info.fps")  # of the moment, or of the end
+# Of the moment, of the end, or of what people changed meanwhile.
+_NOT_COMPARED = ("info.started_at", "info.class_names", "info.fps", "info.renamed")
 _START_ANEW = "start the run anew with --overwrite"
 
 

@@ -92,7 +92,7 @@ def to_file(
         names=[(one, name) for one, name in records.given.items() if one in all_kept],
         merged=[
             (gone, target)
-            for gone, target in records.merged_into.items()
+            for gone, target in records.merges.items()
             if gone in all_kept and target in all_kept
         ],
         gone=sorted(before.keys() - all_kept.keys()),

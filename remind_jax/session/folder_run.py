@@ -64,6 +64,9 @@ def run_into(
     with loop.prepare() as ahead:
         if header is not None and loop.num_before:
             info = RunInfo.from_json(header.info)
+            named, given = _known_objects(tracker), info.object_names
+            renamed = tuple(one for one in named if one.name != given.get(one.object_id, ""))
+            info = dataclasses.replace(info, renamed=renamed)
             writer = RunWriter(folder, info, overlay=overlay, resume=True, viewers=viewers)
         else:
             first = loop.look_at_first(ahead)
@@ -144,10 +147,13 @@ def describe_run(loop: FrameLoop, frame_size: tuple[int, int], brings_features: 
         device=jax.devices()[0].device_kind,
         started_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         detector=described,
-        known_objects=tuple(
-            KnownObject(one.object_id, one.label, one.name) for one in tracker.objects()
-        ),
+        known_objects=_known_objects(tracker),
     )
+
+
+def _known_objects(tracker: Tracker) -> tuple[KnownObject, ...]:
+    """What the memory knows now."""
+    return tuple(KnownObject(one.object_id, one.label, one.name) for one in tracker.objects())
 
 
 def _finish(result: Result, tracker: Tracker, writer: RunWriter) -> Result:

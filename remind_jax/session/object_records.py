@@ -93,22 +93,32 @@ class ObjectRecords:
     Attributes:
       session: The number of this one; it goes up before the first frame of another.
       given: Names, by the object that people gave them to; replaced as a whole, never changed.
-      merged_into: What people declared to be another object, and which.
+      merges: What people declared to be another object, and which, in that order; replaced as a
+        whole, never changed.
     """
 
     def __init__(self, session: int = 1, records: Mapping[int, ObjectRecord] | None = None) -> None:
         """Starts in a session, the first one without objects if nothing is said."""
         self.session = session
         self.given: Mapping[int, str] = {}
-        self.merged_into: Mapping[int, int] = {}
+        self.merges: Mapping[int, int] = {}
         self._records = dict(records or {})
+
+    @property
+    def merged_into(self) -> Mapping[int, int]:
+        """What people declared to be another object, and the one whose id all have in the end."""
+        last: dict[int, int] = {}
+        for gone, kept in [*self.merges.items()][::-1]:  # what took in that one came later
+            last[gone] = last.get(kept, kept)
+        return last
 
     @property
     def names(self) -> Mapping[int, str]:
         """As shown, by id: of what people declared to be one, its own, else the first of others."""
-        shown = {one: name for one, name in self.given.items() if one not in self.merged_into}
+        merged_into = self.merged_into
+        shown = {one: name for one, name in self.given.items() if one not in merged_into}
         for one in sorted(self.given.keys() - shown.keys()):
-            shown.setdefault(self.merged_into[one], self.given[one])
+            shown.setdefault(merged_into[one], self.given[one])
         return shown
 
     def note(self, tracks: Tracks, image: UInt8[np.ndarray, "H W 3"] | None) -> None:
@@ -154,7 +164,7 @@ class ObjectRecords:
                 object_id = int(tracks.object_id[row])
                 seen.setdefault(object_id, []).append(tracks.frame_index)
                 labels.setdefault(object_id, tracks.labels[row])
-        declared = {*self.given, *self.merged_into, *self.merged_into.values()}
+        declared = {*self.given, *self.merges, *self.merges.values()}
         for object_id, record in [*self._records.items()]:
             if object_id not in seen:
                 if record.first.session == self.session and object_id not in declared:
@@ -192,12 +202,12 @@ class ObjectRecords:
                 self._records[kept] = known.joined(record) if known else record
         elif gone in self._records:
             self._records.setdefault(kept, self._records[gone])
-        apart = {one: to for one, to in self.merged_into.items() if one not in {*merged, gone}}
-        self.merged_into = {**apart, **dict.fromkeys(merged, shown)}
+        apart = {one: to for one, to in self.merges.items() if one not in {*merged, gone}}
+        self.merges = {**apart, **dict.fromkeys(merged, shown)}
 
     def answer(self, tracks: Tracks) -> Tracks:
         """The answers by names and by what was declared to be one; no id is given twice for it."""
-        if self.merged_into:
+        if self.merges:
             tracks = as_merged(tracks, self.merged_into)
         return dataclasses.replace(tracks, names=self.names) if self.given else tracks
 
@@ -207,13 +217,14 @@ class ObjectRecords:
         return tuple(
             self._tell(object_id, names)
             for object_id in sorted(self._records)
-            if object_id not in self.merged_into
+            if object_id not in self.merges
         )
 
     def with_merged(self, ids: Collection[int]) -> set[int]:
         """Objects with all that are declared to be one with them."""
-        kept = {self.merged_into.get(one, one) for one in ids}
-        return kept | {one for one, other in self.merged_into.items() if other in kept}
+        merged_into = self.merged_into
+        kept = {merged_into.get(one, one) for one in ids}
+        return kept | {one for one, other in merged_into.items() if other in kept}
 
     def members(self, object_id: int) -> tuple[int, ...]:
         """An object and those that were merged into it."""
@@ -227,13 +238,13 @@ class ObjectRecords:
           SourceError: If there is none.
         """
         is_number = isinstance(object_id, (int, np.integer)) and not isinstance(object_id, bool)
-        if is_number and int(object_id) in self.merged_into:
+        if is_number and int(object_id) in self.merges:
             raise SourceError(
                 f"object {object_id} was merged into object {self.merged_into[int(object_id)]}; "
                 "give that one, or split it first"
             )
         if not is_number or int(object_id) not in self._records:
-            known = [str(one) for one in sorted(set(self._records) - set(self.merged_into))]
+            known = [str(one) for one in sorted(set(self._records) - set(self.merges))]
             shown = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
             raise SourceError(f"there is no object {object_id!r}; known: {shown or 'none'}")
         return int(object_id)
@@ -277,8 +288,7 @@ class ObjectRecords:
                 f"object {kept} cannot be merged with {', '.join(map(str, ids)) or 'nothing'}; "
                 "give two or more different objects"
             )
-        moved = {one for object_id in ids for one in self.members(object_id)}
-        self.merged_into = {**self.merged_into, **dict.fromkeys(moved, kept)}
+        self.merges = {**self.merges, **dict.fromkeys(ids, kept)}
 
     def take_in(self, other: ObjectRecords, number_of: Mapping[int, int]) -> None:
         """Adds the objects of other records, whose sessions follow these.
@@ -314,7 +324,7 @@ class ObjectRecords:
             if number_of.get(gone) in added and number_of.get(kept) in added
         }
         self._records |= added
-        self.given, self.merged_into = {**self.given, **names}, {**self.merged_into, **merged}
+        self.given, self.merges = {**self.given, **names}, {**self.merges, **merged}
         self.session += len(sessions)
 
     def unite(self, pairs: Iterable[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
@@ -324,7 +334,7 @@ class ObjectRecords:
         """
         done = []
         for kept, gone in pairs:
-            if gone not in self.merged_into and kept not in self.merged_into:
+            if gone not in self.merges and kept not in self.merges:
                 self.merge(kept, [gone])
                 done.append((kept, gone))
         return tuple(done)
@@ -336,18 +346,19 @@ class ObjectRecords:
     def split(self, object_id: int) -> tuple[int, ...]:
         """Takes back all `merge`s into an object; gives the ids of those that are apart again.
 
+        What was merged into one of those before stays with it.
+
         Raises:
           SourceError: If there is no such object, or nothing was merged into it by people.
         """
         object_id = self.check_known(object_id)
-        apart = self.members(object_id)[1:]
+        apart = tuple(sorted(one for one, kept in self.merges.items() if kept == object_id))
         if not apart:
             raise SourceError(
                 f"nothing was merged into object {object_id}, so that nothing can be split off: "
                 "what the tracker took for one object from the start has no evidence of its own"
             )
-        merged = self.merged_into
-        self.merged_into = {one: merged[one] for one in merged if one not in apart}
+        self.merges = {one: kept for one, kept in self.merges.items() if one not in apart}
         return apart
 
     def drop(self, object_id: int) -> tuple[int, ...]:
@@ -361,8 +372,7 @@ class ObjectRecords:
         for one in members:
             self._records.pop(one, None)
         self.given = {one: name for one, name in self.given.items() if one not in members}
-        merged = self.merged_into
-        self.merged_into = {one: merged[one] for one in merged if one not in members}
+        self.merges = {one: kept for one, kept in self.merges.items() if one not in members}
         return members
 
     @property
@@ -375,7 +385,7 @@ class ObjectRecords:
         kept = self.with_merged(ids)
         self._records = {one: record for one, record in self._records.items() if one in kept}
         self.given = {one: name for one, name in self.given.items() if one in kept}
-        self.merged_into = {one: to for one, to in self.merged_into.items() if one in kept}
+        self.merges = {one: to for one, to in self.merges.items() if one in kept}
 
     def kept(self, ids: Collection[int]) -> Mapping[int, ObjectRecord]:
         """The records that a memory file keeps, for `to_file`; they are replaced, never changed."""

@@ -10,7 +10,7 @@ import dataclasses
 import datetime
 import functools
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from typing import Any
 
 from remind_jax.errors import OptionError, SourceError
@@ -63,7 +63,7 @@ class SourceStatus:
 
     state: State
     shown: str  # what it is called
-    silent_s: float  # seconds since the last picture
+    silent_s: float  # seconds since the last picture, or since all that come are left out
     num_arrived: int
     num_missed: int  # passed over for newer ones
 
@@ -150,7 +150,17 @@ class LiveSource(SampledSource):
         super().__init__(reader, None, sampling, allow_size_change=True)
         self._live = reader
         self._news: list[str] = []
+        self._left_out_since: float | None = None  # None if the last picture was used
+        self._is_used = True
         self._opened_at = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
+
+    def __iter__(self) -> Iterator[Frame]:
+        """As of every source; a frame that nobody leaves out (`leave_out`) is used."""
+        for frame in super().__iter__():
+            self._is_used = True
+            yield frame
+            if self._is_used:
+                self._left_out_since = None
 
     def get_ready_by(self, before_first: Callable[[Content], None]) -> None:
         """Sets what is shown a picture before the first one counts, as to compile for its size."""
@@ -167,6 +177,8 @@ class LiveSource(SampledSource):
 
     def leave_out(self, frame: SkippedFrame) -> None:
         """Counts pictures by reason, since there is no end of them; the first is news."""
+        self._is_used, now = False, time.monotonic()
+        self._left_out_since = now if self._left_out_since is None else self._left_out_since
         for place, other in enumerate(self.skipped):
             if other.reason == frame.reason:
                 self.skipped[place] = dataclasses.replace(other, count=other.count + 1)
@@ -176,10 +188,9 @@ class LiveSource(SampledSource):
 
     def status(self) -> SourceStatus:
         """How it does now."""
-        reader, feed = self._live, self._live.feed
-        return SourceStatus(
-            feed.state, reader.shown, feed.silent_s, feed.num_arrived, reader.num_missed
-        )
+        reader, feed, since = self._live, self._live.feed, self._left_out_since
+        silent_s = feed.silent_s if since is None else time.monotonic() - since
+        return SourceStatus(feed.state, reader.shown, silent_s, feed.num_arrived, reader.num_missed)
 
     def age_s(self, frame: Frame) -> float:
         """Seconds since a frame of this iteration arrived."""

@@ -23,7 +23,7 @@ from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.errors import SourceError
-from remind_jax.frame import NO_INSTANCE
+from remind_jax.frame import NO_INSTANCE, Frame
 from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import Method, get_method
 from remind_jax.observation import AnyFeats, Masks
@@ -214,7 +214,9 @@ def _read(
     feats, masks, observed, instances = [], [], [], []
     brings_features = False
     # One waits at most, whatever its size.
-    ahead = prefetch((reader.prepare(frame) for frame in source), depth=1, size_of=lambda _: 0)
+    ahead = prefetch(
+        (reader.prepare(_with_masks(frame)) for frame in source), depth=1, size_of=lambda _: 0
+    )
     with contextlib.closing(ahead):
         for prepared in ahead:
             brings_features = prepared.features is not None
@@ -242,6 +244,14 @@ def _read(
             "features in float32"
         )
     return feats, masks, observed, instances, brings_features
+
+
+def _with_masks(frame: Frame) -> Frame:
+    if frame.detections is None:
+        raise SourceError(
+            f"frame '{frame.name}' comes without masks; give masks that say which object they show"
+        )
+    return frame
 
 
 def _truth(instances: list[np.ndarray], found: list[int]) -> Truth:

@@ -35,6 +35,7 @@ Setting = dict[str, Value]
 
 _ORIGIN = "a setting of the sweep"
 MAX_SETTINGS = 100_000  # of one sweep
+_MAX_DRAWS = 20  # for each setting that is wanted; enough to meet all of as many
 _MAX_BYTES = 64 << 20  # of a file of settings
 _LARGEST = 3e38  # in single precision
 _DECIMAL = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?")
@@ -86,6 +87,8 @@ def _as_list(name: str, values: Any) -> list[Value]:
 def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> list[Setting]:
     """Random settings: uniform between two numbers, whole ones if both are, else one of several.
 
+    All differ; where there are not so many, there are fewer.
+
     Args:
       space: By name, the least and the largest value, or three or more to choose from.
       number: Settings.
@@ -112,7 +115,13 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
             return int(random.integers(int(low), int(high) + 1))
         return float(random.uniform(low, high))
 
-    return [{name: one(values) for name, values in space.items()} for _ in range(number)]
+    drawn: dict[tuple[Value, ...], Setting] = {}
+    for _ in range(_MAX_DRAWS * number):
+        setting = {name: one(values) for name, values in space.items()}
+        drawn.setdefault(tuple(setting.values()), setting)
+        if len(drawn) == number:
+            break
+    return list(drawn.values())
 
 
 def _is_range(values: Sequence[Value]) -> bool:

@@ -117,8 +117,9 @@ def test_what_cannot_be_is_refused(tmp_path):
         (one, {"head": "<annotations><meta><project><task/><task/></project></meta>"}),
         (f'{one}</track><track id="5" label="mug" task_id="2">{one}', {}),
     ):
-        with pytest.raises(SourceError, match=r"a\.xml"):
+        with pytest.raises(SourceError, match=r"a\.xml") as refused:
             read_cvat(write(tmp_path / "a.xml", shapes, **options))
+        assert str(refused.value).count("; ") == 1, refused.value  # one piece of advice
     (tmp_path / "a.xml").write_text("<html/>")
     with pytest.raises(SourceError, match="html"):
         read_cvat(tmp_path / "a.xml")

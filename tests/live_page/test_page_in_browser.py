@@ -123,7 +123,7 @@ def test_the_age_grows_until_the_next_frame(shown):
     ("status", "light", "said"),
     [
         (SourceStatus("lost", "rtsp://cam", 3.0, 9, 1), "lost", "connection lost 3.0 s ago, tryi"),
-        (SourceStatus("connected", "rtsp://cam", 4.0, 9, 1), "silent", "but silent for 4.0 s"),
+        (SourceStatus("connected", "rtsp://cam", 4.0, 9, 1), "silent", "be used for 4.0 s"),
     ],
 )
 def test_a_source_in_trouble_is_told(shown, status, light, said):

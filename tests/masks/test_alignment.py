@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from remind_jax.errors import SourceError
+from remind_jax.errors import UnreadableFrame
 from remind_jax.masks.alignment import Alignment
 
 # Frame, size after the width limit, left and top of the crop, patch grid (method.md#frame-size).
@@ -30,7 +30,7 @@ def test_examples_of_the_page(frame, scaled, corner, grid):
 
 
 def test_too_small_a_frame_is_refused():
-    with pytest.raises(SourceError, match=r"smaller than one patch.*14"):
+    with pytest.raises(UnreadableFrame, match=r"smaller than one patch.*14"):
         fit((13, 500), 14)
 
 

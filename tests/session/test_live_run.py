@@ -19,6 +19,10 @@ from remind_jax.outputs.overlay import OVERLAY_NAME, is_playable
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import render_again
 from remind_jax.session.progress import Progress
+from remind_jax.sources import LiveSource, Sampling
+from remind_jax.sources.capture import Picture
+from remind_jax.sources.live_source import LiveOptions, LiveReader
+from remind_jax.sources.source import Content
 from tests.cli import scenes
 from tests.sources import cameras
 from tests.sources.cameras import Camera
@@ -169,6 +173,39 @@ def test_a_camera_may_change_its_resolution(tmp_path):
     assert all(len(tracks) for tracks in result.tracks)
     assert main(["view", str(out), "--source", str(tmp_path / "seen"), "--quiet"]) == 0
     assert is_playable(out / OVERLAY_NAME)
+
+
+class Shrinking:
+    """Pictures of which every second is too small for any object; each after a look at the last."""
+
+    def __init__(self) -> None:
+        self.sizes, self.looked_at = [(6, 8), (192, 256)] * 2, threading.Semaphore(1)
+
+    def read(self) -> Picture | None:
+        self.looked_at.acquire(timeout=100)
+        return self._picture(self.sizes.pop(0)) if self.sizes else None
+
+    def _picture(self, size: tuple[int, int]) -> Picture:
+        first_look = iter([self.looked_at.release])  # the very first picture is looked at twice
+
+        def look() -> Content:
+            next(first_look, lambda: None)()
+            return Content(np.zeros((*size, 3), np.uint8))
+
+        return look
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_picture_that_is_too_small_is_left_out():
+    reader = LiveReader("stream", "it", "it", lambda wait_s: Shrinking(), LiveOptions(reconnect=0))
+    result = rj.run(
+        LiveSource(reader, Sampling()), detector=lambda image: image[None, ..., 0] < 1, **OPTIONS
+    )
+    assert [tracks.frame_size for tracks in result.tracks] == [(192, 256)] * 2
+    (left_out,) = [one for one in result.skipped if "8x6 pixels is smaller" in one.reason]
+    assert left_out.count in (1, 2)  # the very first may be passed over
 
 
 def test_ctrl_c_ends_a_live_run_well(tmp_path):

@@ -354,6 +354,18 @@ def test_what_is_one_stays_one_where_memory_lost_the_object_that_it_is_named_aft
     assert (read.merged_into, read.names) == (records.merged_into, records.names)
 
 
+def test_a_split_takes_back_the_merges_into_an_object_and_no_others():
+    records = ObjectRecords()
+    records.note(seen(0, [0, 1, 6]), None)
+    records.merge(0, [6])
+    records.merge(1, [0])
+    assert records.merged_into == {6: 1, 0: 1}
+    read = from_file([to_file(records, {0, 1, 6})])
+    for each in (records, read):
+        assert each.split(1) == (0,)
+        assert [(one.object_id, one.merged) for one in each.objects()] == [(0, (6,)), (1, ())]
+
+
 def test_a_name_given_after_a_merge_leaves_the_others_theirs():
     records = ObjectRecords()
     for number in range(3):

@@ -11,8 +11,9 @@ import pytest
 import remind_jax as rj
 from remind_jax import files
 from remind_jax.errors import OptionError, OutputError, RemindError, SourceError
-from remind_jax.outputs.writer import CHECKPOINT_NAME
+from remind_jax.outputs.writer import CHECKPOINT_NAME, MEMORY_NAME
 from remind_jax.session import checkpoint
+from remind_jax.session.memory_file import load_memory, save_memory
 from remind_jax.session.progress import Progress
 from tests.cli import scenes
 from tests.corpus.kills import compare_runs
@@ -114,6 +115,27 @@ def test_what_the_checkpoint_has_not_seen_is_left_out(tmp_path, whole):
     journal.write_bytes(b"".join([*lines, lines[-1], lines[-1][:30]]))  # a line too much, one torn
     track(tmp_path / "run", resume=True)
     assert compare_runs(whole, tmp_path / "run") == []
+
+
+def test_names_given_before_a_run_goes_on_are_told(tmp_path):
+    track(tmp_path / "before", [scenes.picture(0, (1, 2, 4))], tracker="momentum")
+    pictures = [scenes.picture(index) for index in range(NUM)]
+    memory = tmp_path / "before" / MEMORY_NAME
+    given = {"pictures": pictures, "memory": memory, "tracker": "momentum"}
+    break_off(tmp_path / "run", 5, **given)
+    kept = tmp_path / "run" / CHECKPOINT_NAME / MEMORY_NAME
+    changed = load_memory(kept)
+    for number in range(4):  # the last is new in this run
+        changed.records.rename(number, f"my {number}")
+    save_memory(kept, changed)
+    for result in (
+        track(tmp_path / "run", resume=True, **given),
+        rj.Result.load(tmp_path / "run"),
+        track(tmp_path / "run", resume=True, **given),
+    ):
+        last = result.tracks[-1]
+        assert {last.display_name(row) for row in range(3)} == {"my 0", "my 1", "my 3"}
+        assert [one.title for one in result.not_met()] == ["my 2"]
 
 
 def test_an_interrupted_run_goes_on(tmp_path, whole):

@@ -91,6 +91,20 @@ def test_frames_may_change_their_size_and_damaged_ones_are_counted():
     assert source.take_news() == []
 
 
+def test_a_source_is_silent_while_all_its_pictures_are_left_out():
+    capture = Growing()
+    reader = LiveReader("stream", "it", "it", lambda wait_s: capture, LiveOptions(reconnect=0))
+    source = LiveSource(reader, Sampling())
+    silent_s = []
+    for frame in source:  # and a damaged one after each
+        time.sleep(0.1)
+        silent_s.append(source.status().silent_s)
+        if frame.index:
+            source.leave_out(SkippedFrame(frame.name, "it is too small"))
+    assert silent_s[2] >= silent_s[1] + 0.1 >= 0.2
+    assert source.status().silent_s >= silent_s[2]
+
+
 def test_times_are_those_of_arrival():
     with Camera(fps=20) as camera:
         source = open_live(camera.url, sampling={"max_frames": 5})

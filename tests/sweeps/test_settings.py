@@ -130,6 +130,13 @@ def test_what_cannot_be_drawn_is_refused(space, number):
         draw(space, number)
 
 
+def test_no_setting_is_drawn_twice():
+    few = {"a": (0, 3), "b": (True, False)}
+    for number, expected in ((5, 5), (8, 8), (20, 8)):
+        drawn = {tuple(setting.items()) for setting in draw(few, number)}
+        assert len(drawn) == len(draw(few, number)) == expected
+
+
 def test_whole_numbers_of_numpy_are_whole():
     drawn = draw({"a": (np.int64(3), np.int64(16))}, 20)
     assert all(type(one["a"]) is int for one in drawn)

@@ -131,6 +131,9 @@ def test_bad_input_is_told_before_work_starts():
     ]
     with pytest.raises(SourceError, match="no mask of a known object"):
         sweep([unknown], {"matching.match": [0.5]}, config=CONFIG)
+    bare = [dataclasses.replace(frame, detections=None) for frame in unknown]
+    with pytest.raises(SourceError, match="without masks; give masks that say which object"):
+        sweep([bare], {"matching.match": [0.5]}, config=CONFIG)
 
 
 def test_rows_depend_on_every_function_of_an_own_method(tmp_path):
