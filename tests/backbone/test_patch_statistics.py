@@ -162,6 +162,7 @@ def describe_closeups(images, coverage=COVERED, wanted=None) -> tuple[np.ndarray
 def test_what_light_of_another_color_changes_is_what_is_said_of_it():
     """In pictures that were not used to find it."""
     said = get_backbone().light_changes
+    assert said is not None
     length = np.linalg.norm(said, axis=1)
     changes = measure_changes(24, seed=1)
     along = changes @ (said / length[:, None]).T
