@@ -54,7 +54,7 @@ class Backbone:
     apply_closeups: Callable[[Any, Any, Any], Any] | None = None
     num_background: int = 0
     # Main directions in which these change where light has another color, each as long as the mean
-    # change along it; left out where they are not known.
+    # change along it; left out where they are not known. Not compared: `identity` says it all.
     light_changes: Float[np.ndarray, "G D"] | None = dataclasses.field(default=None, compare=False)
 
     def __post_init__(self) -> None:

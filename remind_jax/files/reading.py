@@ -41,9 +41,9 @@ def reading(
     except RecursionError as error:
         raise refused(f"{where} is nested too deep; correct it") from error
     except Exception as error:  # of somebody else's code
-        why = first_line(error)
-        todo = "" if "; " in why else "; make it again"  # what is ours may say what to do
-        raise refused(f"{where} is damaged or of another form: {why}{todo}") from error
+        raise refused(
+            f"{where} is damaged or of another form: {first_line(error)}; make it again"
+        ) from error
 
 
 def as_path(value: Any, what: str, refused: Family) -> Path:

@@ -108,7 +108,7 @@ def read_cvat(path: str | Path) -> TrackRows:
         root = _parse(path)
         tasks = {track.get("task_id") for track in root.iter("track")}
         if len(tasks) > 1 or len(root.findall("./meta/project//task")) > 1:
-            raise ValueError("it is of a project with several tasks; export every task by itself")
+            raise ValueError("it holds several tasks of a project, not one task alone")
         size = _frame_size(root)
         stated = msgspec.convert(root.findtext(".//meta//size") or "0", Count, strict=False)
         shown = _shown_frames(root)
@@ -150,7 +150,7 @@ def _parse(path: Path) -> ElementTree.Element:
             data = archive.read(NAME_IN_ZIP)
     # CVAT declares no entities; whoever does may make them as long as memory.
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise ValueError("entities are declared, which are not read; take the DOCTYPE out")
+        raise ValueError("its DOCTYPE declares entities, which are not read")
     root = ElementTree.fromstring(data)
     if root.tag != "annotations":
         raise ValueError(f"no XML of CVAT, its root is '{root.tag[:60]}'")
@@ -200,10 +200,10 @@ def _see(shape: Any, size: _Size | None) -> _Sight:
         if shape.xbr < shape.xtl or shape.ybr < shape.ytl:
             raise ValueError("its right or lower edge comes first")
         if shape.rotation:
-            raise ValueError(f"it is turned by {shape.rotation:g} degrees; make it a polygon")
+            raise ValueError(f"it is turned by {shape.rotation:g} degrees, as only polygons may be")
         return _Sight(shape.frame, box=(shape.xtl, shape.ytl, shape.xbr, shape.ybr))
     if size is None:
-        raise ValueError("the file has no original_size; add it to its meta")
+        raise ValueError("its file has no original_size in its meta")
     if isinstance(shape, _Polygon):
         points = [point.split(",") for point in shape.points.split(";")]
         corners = np.array(points, float)
