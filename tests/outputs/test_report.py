@@ -90,7 +90,7 @@ def test_crops_can_be_read_back(tmp_path):
     ours = {(s.object_id, s.position): s for s in read}
     for sighting in sightings:
         mine = ours[sighting.object_id, sighting.position]
-        assert dataclasses.replace(mine, image=sighting.image) == sighting
+        assert vars(mine) | {"image": None} == vars(sighting) | {"image": None}
         # JPEG changes noise and sharp outlines, but not the picture.
         assert np.abs(mine.image.astype(int) - sighting.image).mean() < 12
 
