@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import av
     import av.container
     import av.error
+    import av.video.reformatter
 else:
     av = lazy_loader.load("av")
 
@@ -109,6 +110,7 @@ class _Stream:
             self._container.close()
 
     def _decode(self, stream: av.VideoStream) -> Iterator[Picture]:
+        to_rgb = av.video.reformatter.VideoReformatter()
         stream.thread_type = "SLICE"  # threads by frames would hold back as many frames
         num_damaged, has_begun = 0, False
         for packet in self._container.demux(stream):
@@ -124,7 +126,7 @@ class _Stream:
             if num_damaged > _MAX_DAMAGED:
                 raise Lost("sends nothing that can be decoded")
             has_begun = has_begun or bool(frames)
-            yield from (functools.partial(read_picture, frame) for frame in frames)
+            yield from (functools.partial(read_picture, frame, to_rgb) for frame in frames)
 
 
 def _read_damaged() -> Content:

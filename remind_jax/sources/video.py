@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import av
     import av.container
     import av.error
+    import av.video.reformatter
 else:
     av = lazy_loader.load("av")  # takes long, and a live tracker of given images reads no video
 
@@ -58,6 +59,7 @@ class VideoReader:
         with self._open() as container:
             stream = _video_stream(container, self._file)
             stream.thread_type = "AUTO"
+            to_rgb = av.video.reformatter.VideoReformatter()
             for frame in _decode(container, stream):
                 if isinstance(frame, SkippedFrame):
                     report(frame)
@@ -66,7 +68,7 @@ class VideoReader:
                     continue
                 time_s = frame.time if frame.time is not None else index / (self.fps or 1.0)
                 origin_s = time_s if origin_s is None else origin_s
-                read = functools.partial(read_picture, frame)
+                read = functools.partial(read_picture, frame, to_rgb)
                 yield Entry(index, time_s - origin_s, f"{index:06d}", read, is_timed=True)
                 index += 1
         self._report_missing(index, time_s, is_damaged, report)
@@ -178,15 +180,20 @@ def _count_frames(
     return max(1, round(duration_s * fps)), duration_s
 
 
-def read_picture(frame: av.VideoFrame) -> Content:
+def read_picture(frame: av.VideoFrame, to_rgb: av.video.reformatter.VideoReformatter) -> Content:
     """A decoded picture in RGB, turned upright as the container says (telephones film sideways).
+
+    Args:
+      frame: As it was decoded.
+      to_rgb: The reader's own. That which PyAV shares between readers has threads, which a process
+        that is forked lacks: it would wait for them for ever.
 
     Raises:
       UnreadableFrame: If it is damaged.
     """
     if frame.is_corrupt:
         raise UnreadableFrame(DAMAGED)
-    image = frame.to_ndarray(format="rgb24")
+    image = to_rgb.reformat(frame, format="rgb24").to_ndarray()
     quarter_turns = round(frame.rotation / 90) % 4
     return Content(np.ascontiguousarray(np.rot90(image, quarter_turns)) if quarter_turns else image)
 

@@ -1,4 +1,6 @@
+import multiprocessing
 import struct
+import warnings
 
 import av
 import numpy as np
@@ -44,6 +46,21 @@ def test_sampling_keeps_the_clock_of_the_source(tmp_path):
     assert [f.source_index for f in frames] == [3, 5, 7]
     assert [f.index for f in frames] == [0, 1, 2]
     np.testing.assert_allclose([f.time_s for f in frames], [0.3, 0.5, 0.7], atol=1e-3)
+
+
+def test_a_forked_process_reads_videos_as_well(tmp_path):
+    """As workers of a data loader do, whose parent has looked at a first frame."""
+    making.write_video(tmp_path / "a.mp4")
+    assert list(open_source(tmp_path / "a.mp4"))
+    worker = multiprocessing.get_context("fork").Process(
+        target=lambda: list(open_source(tmp_path / "a.mp4"))
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of JAX and Python about forks
+        worker.start()
+    worker.join(timeout=60)
+    worker.kill()
+    assert worker.exitcode == 0
 
 
 def test_truncated_video_keeps_what_was_decoded(tmp_path):
