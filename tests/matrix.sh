@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 share=(tests/numerics tests/solvers tests/plus tests/settings tests/config tests/session/test_live.py
-  tests/sources/test_video.py tests/masks tests/detectors tests/backbone/test_vit.py)
+  tests/sources tests/files tests/outputs tests/masks tests/detectors tests/backbone/test_vit.py)
 pythons=(${PYTHONS:-$(for minor in 11 12 13 14; do command -v "python3.$minor" || true; done)})
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
