@@ -107,7 +107,7 @@ plt.show()
 #
 # The share of ambiguous detections is not an error rate: it is the cost of being careful. No other
 # setting is better in both scores than one on the *Pareto front*; which of these is best depends on your
-# use. Here the front is short: on these tours more undecided detections do not make better answers.
+# use. Here the front is short: beyond a few undecided detections, more of them do not make better answers.
 
 # %%
 front = found.pareto("IDF1", "Ambiguous")

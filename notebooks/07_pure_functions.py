@@ -68,8 +68,8 @@ for row, frame in enumerate(rj.open_source(tour)):
     assert (np.asarray(ids)[row, : len(found)] == found.object_id).all()
 
 # %% [markdown]
-# A setting with a leading axis is many settings. Here looks count from little to much when tracklets are
-# linked. `step` is `describe` and `decide`; what a frame shows is described once for all settings.
+# A setting with a leading axis is many settings. Here a new object is from unlikely to likely, in log
+# odds. `step` is `describe` and `decide`; what a frame shows is described once for all settings.
 
 
 # %%
@@ -82,12 +82,12 @@ def follow_one(settings, frames):
     return jax.lax.scan(advance, tracker.init(scene.static), frames)[1]
 
 
-values = np.linspace(0, 3, 8)
-settings = rj.sweeps.stack(scene.settings, [{"linking.look": float(x)} for x in values])
+values = np.linspace(-6, 3, 8)
+settings = rj.sweeps.stack(scene.settings, [{"decision.new": float(x)} for x in values])
 follow_all = jax.jit(jax.vmap(follow_one, (0, None)), compiler_options=options)
 many = follow_all(settings, scene.frames)
 for value, found in zip(values, np.asarray(many), strict=True):
-    print(f"linking.look {value:.1f}: {len(np.unique(found[found >= 0]))} identities")
+    print(f"decision.new {value:.1f}: {len(np.unique(found[found >= 0]))} identities")
 
 # %% [markdown]
 # **Take-away.** A tracker is a few pure functions of arrays: what you know of JAX applies. The paper's

@@ -461,15 +461,16 @@ def register_method(method: Method) -> None:
     """Adds a method under its name, or takes it anew, as where a notebook runs a cell again.
 
     Raises:
-      ConfigError: If it is no `Method`, its settings are no dataclass, or its name is none or that
-        of another.
+      ConfigError: If it is no `Method`, its settings are no dataclass that is a pytree, or its name
+        is none or that of another.
     """
     if not isinstance(method, Method) or not isinstance(method.name, str) or not method.name:
         raise ConfigError("only a Method that has a name can be registered")
-    if not dataclasses.is_dataclass(settings := method.settings()):
+    settings = method.settings()
+    if not dataclasses.is_dataclass(settings) or jax.tree_util.all_leaves([settings]):
         raise ConfigError(
             f"settings of tracker '{method.name}' are of type {type(settings).__name__}; give a "
-            "dataclass that is a pytree"
+            "dataclass that is a pytree (`jax.tree_util.register_dataclass`)"
         )
     taken = _methods.get(method.name, method)
     is_another = method.name in find_methods() or _origin(taken) != _origin(method)

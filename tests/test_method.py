@@ -228,6 +228,9 @@ def test_wrong_names_are_refused(counter):
         register_method(dataclasses.replace(counter, name=""))
     with pytest.raises(ConfigError, match="'zz' are of type dict; give a dataclass"):
         register_method(dataclasses.replace(counter, name="zz", settings=dict))
+    no_pytree = dataclasses.make_dataclass("NoPytree", ["first_id"], frozen=True)
+    with pytest.raises(ConfigError, match=r"of type NoPytree; give a dataclass that is a pytree"):
+        register_method(dataclasses.replace(counter, name="zz", settings=lambda: no_pytree(0)))
     again = dataclasses.replace(counter)
     register_method(again)  # a notebook cell that is run twice
     assert get_method("counter") is again

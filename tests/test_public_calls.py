@@ -166,6 +166,7 @@ MORE = [
     lambda: rj.sweep("/nope", [{}], nope=1),
     lambda: result().explain(0, 0),
     lambda: rj.stack_scene([], num_objects=0),
+    lambda: rj.stack_scene([], tracker="bank"),
 ]
 
 

@@ -18,6 +18,7 @@ from remind_jax.cli.flags import (
 )
 from remind_jax.errors import ConfigError
 from remind_jax.files import locked, refuse_folder
+from remind_jax.printing.words import plural
 
 if TYPE_CHECKING:
     from remind_jax.benchmark.records import Record
@@ -90,7 +91,8 @@ class Benchmark:
             records = run_all(setup, scenes, contenders, self._say_record)
         runs = self._score(records, scenes)
         num_frames = sum(record.num_frames for record in records) // len(contenders)
-        about = f"{len(scenes)} scenes, {num_frames} frames, {setup.regime}, {self.backbone}"
+        size = f"{plural(len(scenes), 'scene')}, {plural(num_frames, 'frame')}"
+        about = f"{size}, {setup.regime}, {self.backbone}"
         titles = {contender.name: contender.title for contender in contenders}
         tables = make_tables(runs, titles, setup.regime, about)
         save_tables(tables, self.out / "tables")

@@ -11,7 +11,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli.flags import flags
 from remind_jax.errors import OptionError, RemindError
-from remind_jax.files import refuse_file, writing
+from remind_jax.files import check_place, refuse_file, writing
 from remind_jax.files.limits import MAX_FRAMES
 from remind_jax.printing.terminal import print_lines, print_table
 from remind_jax.settings.ranges import check_option
@@ -67,6 +67,7 @@ class Eval:
 
     def execute(self) -> None:
         """Scores, prints and writes."""
+        from remind_jax.metrics.comparison import check_table_place
         from remind_jax.metrics.scene_evaluation import table_of
 
         check_option("resamples", self.resamples, 0, _MAX_RESAMPLES)
@@ -75,11 +76,7 @@ class Eval:
             check_option("num_frames", self.num_frames, 1, MAX_FRAMES)
         for path in (*self._table_files, *([] if self.json is None else [self.json])):
             refuse_file(path, (self.truth, *self.predictions), is_read=_may_be_tracks)
-        if self.min_absence_frames > 1 and self.protocol == "paper":
-            raise OptionError(
-                "'min_absence_frames' is of the standard protocol; leave it out",
-                "min_absence_frames",
-            )
+            (check_place if path == self.json else check_table_place)(path)
         if self.protocol == "paper":
             self._execute_paper()
             return
@@ -102,8 +99,12 @@ class Eval:
 
     def _execute_paper(self) -> None:
         from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
-        from remind_jax.metrics.scene_evaluation import name_predictions
+        from remind_jax.metrics.scene_evaluation import SceneOptions, name_predictions
 
+        for option in dataclasses.fields(SceneOptions):
+            if getattr(self, option.name) != option.default:
+                why = f"'{option.name}' is of the standard protocol; leave it out"
+                raise OptionError(why, option.name)
         if not self.predictions:
             raise RemindError("--protocol paper needs predictions; name them after the truth")
         formats: dict[str, Any] = {"format": self.format, "truth_format": self.truth_format}
@@ -126,10 +127,11 @@ class Eval:
     def _evaluate(self) -> list[SetEvaluation]:
         from remind_jax.metrics.scene_evaluation import SceneOptions, evaluate, name_predictions
 
-        if not self.predictions:
-            return [self._evaluate_alone()]
         names = [field.name for field in dataclasses.fields(SceneOptions)]
         options = SceneOptions(**{name: getattr(self, name) for name in names})
+        if not self.predictions:
+            options.check_used_by("run", "run")
+            return [self._evaluate_alone()]
         formats: dict[str, Any] = {"format": self.format, "truth_format": self.truth_format}
         return [
             evaluate(self.truth, path, name=name, options=options, **formats)

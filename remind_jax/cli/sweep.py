@@ -18,6 +18,7 @@ from remind_jax.cli.run import DEFAULT_FOLDER, Layout, scene_options
 from remind_jax.errors import ConfigError, SweepError
 from remind_jax.files import refuse_folder, writing
 from remind_jax.printing.terminal import print_lines, print_markdown
+from remind_jax.printing.words import plural
 from remind_jax.settings.ranges import check_option
 
 if TYPE_CHECKING:
@@ -233,7 +234,7 @@ class Sweep:
         best = result.best(self._best_by, self.top)
         scenes = ", ".join(result.scenes)
         parts = [
-            f"# {len(result.settings)} settings on {len(result.scenes)} scenes",
+            f"# {plural(len(result.settings), 'setting')} on {plural(len(result.scenes), 'scene')}",
             f"Scenes: {scenes}. Means over scenes. Settings were chosen by the same scenes that "
             "they are reported on here.",
             f"## Best {self._best_by}\n\n{result.to_markdown(best)}",

@@ -9,6 +9,7 @@ from remind_jax.files.reading import reading as reading
 from remind_jax.files.reading import say_no_file as say_no_file
 from remind_jax.files.saving import LOCK_NAME as LOCK_NAME
 from remind_jax.files.saving import append_durably as append_durably
+from remind_jax.files.saving import check_place as check_place
 from remind_jax.files.saving import locked as locked
 from remind_jax.files.saving import make_folder as make_folder
 from remind_jax.files.saving import refuse_file as refuse_file

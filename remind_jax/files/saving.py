@@ -78,6 +78,21 @@ def _resolve(path: Path) -> Path:
         raise OutputError(f"'{str(path)[:200]}' cannot be used: {why}") from error
 
 
+def check_place(file: Path) -> None:
+    """Makes sure that a file may lie there, before the work is done whose result it is to hold.
+
+    Raises:
+      OutputError: If it is a folder, or its folder is missing.
+    """
+    if file.is_dir():
+        raise OutputError(f"cannot write '{file}': it is a folder; name a file")
+    if not file.parent.is_dir():
+        raise OutputError(
+            f"cannot write '{file}': there is no folder '{file.parent}'; make it, or name another "
+            "file"
+        )
+
+
 # Machine, process and thread of who writes, after the name that the whole file will have.
 _UNFINISHED = re.compile(r".+\.([\w-]+)\.(\d+)-\d+\.part")
 
@@ -149,14 +164,9 @@ def replacing(path: Path, *also: type[Exception], durably: bool = False) -> Iter
       OutputError: If it cannot be written, or is a device or a pipe, whose place no file may take;
         an older file of this name is then kept.
     """
+    check_place(path)
     if path.exists() and not path.is_file():
-        what = "a folder" if path.is_dir() else "a pipe, a device or a socket"
-        raise OutputError(f"cannot write '{path}': it is {what}; name a file")
-    if not path.parent.is_dir():
-        raise OutputError(
-            f"cannot write '{path}': there is no folder '{path.parent}'; make it, or name another "
-            "file"
-        )
+        raise OutputError(f"cannot write '{path}': it is a pipe, a device or a socket; name a file")
     partial = path.with_name(f"{path.name}.{_writer()}.part")
     try:
         with writing(path, *also):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from remind_jax.errors import OutputError
-from remind_jax.files import writing
+from remind_jax.files import check_place, writing
 from remind_jax.files.csv_cells import write_row
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.terminal import (
@@ -122,6 +122,19 @@ def is_best(rows: Sequence[Row], row: Row, column: Column) -> bool:
     return abs(row.score(column) - best) <= _SAME
 
 
+def check_table_place(path: Path) -> None:
+    """Makes sure that a table may be written there, before its scores are computed.
+
+    Raises:
+      OutputError: If the name has another ending than .md, .csv or .txt, or no file may lie there.
+    """
+    if path.suffix.lower() not in (".md", ".csv", ".txt"):
+        raise OutputError(
+            f"'{path}' ends in '{path.suffix}'; a table can be written as .md, .csv or .txt"
+        )
+    check_place(path)
+
+
 @dataclasses.dataclass(frozen=True, repr=False)
 class ComparisonTable(Printable):
     """Rows of scores under common columns."""
@@ -200,17 +213,10 @@ class ComparisonTable(Printable):
           OutputError: If the ending is another one or the file cannot be written.
         """
         path = Path(path)
-        render = {
-            ".md": self.to_markdown,
-            ".csv": self.to_csv,
-            ".txt": self.to_text,
-        }.get(path.suffix.lower())
-        if render is None:
-            raise OutputError(
-                f"'{path}' ends in '{path.suffix}'; a table can be written as .md, .csv or .txt"
-            )
+        check_table_place(path)
+        render = {".md": self.to_markdown, ".csv": self.to_csv, ".txt": self.to_text}
         with writing(path):
-            path.write_text(render(), encoding="utf-8")
+            path.write_text(render[path.suffix.lower()](), encoding="utf-8")
 
     @property
     def resolved_columns(self) -> tuple[Column, ...]:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from remind_jax.errors import RemindError, SourceError
+from remind_jax.errors import OptionError, RemindError, SourceError
 from remind_jax.files import as_path
 from remind_jax.formats.mot import fit_texts
 from remind_jax.metrics.comparison import ComparisonTable, Row
@@ -57,6 +57,23 @@ class SceneOptions:
     undecided: Undecided = "strict"  # what becomes of undecided detections of a run
     by_class: bool = False  # also score every class apart, where both sides name classes
     min_absence_frames: int = 1  # processed frames out of view that make a return
+
+    def check_used_by(self, truth: Format, predictions: Format) -> None:
+        """Refuses options for text of one format on both sides where a side is something else.
+
+        Raises:
+          OptionError: If one is given that would change nothing.
+        """
+        if truth == predictions and truth in TEXT_FORMATS:
+            return
+        for name in ("num_frames", "class_id"):
+            if getattr(self, name) is not None:
+                raise OptionError(
+                    f"'{name}' is for truth and predictions in text of one format, here they are "
+                    f"'{truth}' and '{predictions}'; leave it out, or give text (of a run, mot.txt "
+                    "or mots.txt)",
+                    name,
+                )
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -122,6 +139,7 @@ def evaluate(
     options = options or SceneOptions()
     check_undecided(options.undecided)
     stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
+    options.check_used_by(stream.truth.format, stream.predictions.format)
 
     results, failed, notes = stream.score(lambda s, p: _score_scene(stream, s, p, options))
     return SetEvaluation(stream.name, tuple(results.values()), failed, notes)

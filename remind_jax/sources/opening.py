@@ -54,7 +54,8 @@ def check_options(options: Mapping[str, Any], function: Callable[..., Any]) -> N
     known = inspect.signature(open_source).parameters
     for name in options:
         if name not in known:
-            hint = nearest_names(name, {*known, *inspect.signature(function).parameters})
+            allowed = {*known, *inspect.signature(function).parameters} - {"source_options"}
+            hint = nearest_names(name, allowed)
             raise ConfigError(f"{function.__name__} has no option '{name}'; {hint}")
 
 

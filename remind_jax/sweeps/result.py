@@ -14,6 +14,7 @@ from remind_jax.errors import SweepError, nearest_names
 from remind_jax.files import writing
 from remind_jax.files.csv_cells import write_row
 from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.printing.words import plural
 from remind_jax.sweeps.records import Row
 from remind_jax.sweeps.settings import Setting
 
@@ -54,7 +55,7 @@ class SweepResult(Printable):
     complete: bool = True  # false after an interruption; settings without all scenes are left out
 
     def _summarize(self) -> SmallTable:
-        size = f"{len(self.settings)} settings on {len(self.scenes)} scenes"
+        size = f"{plural(len(self.settings), 'setting')} on {plural(len(self.scenes), 'scene')}"
         stopped = "" if self.complete else ", interrupted"
         if not self.rows:
             return SmallTable(f"sweep of {size}{stopped}: nothing was run")

@@ -31,6 +31,7 @@ from remind_jax.printing.words import plural
 from remind_jax.session.live import Tracker
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import open_source
+from remind_jax.sources.opening import check_options
 from remind_jax.sources.prefetch import prefetch
 from remind_jax.sources.source import Source
 from remind_jax.static import MOST_OBJECTS, Static
@@ -184,6 +185,7 @@ def stack_scene(
     """
     if num_objects is not None:
         check_option("num_objects", num_objects, 1, MOST_OBJECTS)
+    check_options(source_options, stack_scene)
     source = open_source(source, **source_options)
     config = load_config(config)
     backbone = open_backbone(backbone)

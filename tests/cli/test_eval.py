@@ -68,3 +68,33 @@ def test_the_paper_protocol_names_its_deviations(command, tmp_path):
     assert outcome.code == 0
     assert "any overlap above 0" in outcome.stdout
     assert json.loads((tmp_path / "paper.json").read_text())["metrics"]["IDF1"] == 1.0
+
+
+def test_options_that_change_nothing_are_refused(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1, 1])
+    video = {
+        "videos": [{"id": 1, "file_names": ["1.png", "2.png"], "width": 100, "height": 100}],
+        "annotations": [],
+        "categories": [],
+    }
+    (tmp_path / "tracks.json").write_text(json.dumps(video))
+    for option in ("--class-id", "--num-frames"):
+        said = command("eval", "gt.txt", "tracks.json", option, "2").stderr
+        assert f"{option} is for truth and predictions in text of one format" in said
+        assert "they are 'mot' and 'coco-video'; leave it out" in said
+    paper = ("eval", "gt.txt", "gt.txt", "--protocol", "paper")
+    for words in (["--class-id", "2"], ["--by-class"], ["--undecided", "collapse"]):
+        said = command(*paper, *words).stderr
+        assert f"{words[0]} is of the standard protocol; leave it out" in said
+
+
+def test_files_that_cannot_be_written_are_refused_before_anything_is_scored(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1, 1])
+    for words, why in {
+        ("--json", "scores/x.json"): "there is no folder 'scores'; make it",
+        ("--table", "scores/x.md"): "there is no folder 'scores'; make it",
+        ("--table", "x.html"): "a table can be written as .md, .csv or .txt",
+    }.items():
+        outcome = command("eval", "gt.txt", "no_prediction.txt", *words)
+        assert outcome.code == 1
+        assert why in " ".join(outcome.stderr.split())

@@ -49,5 +49,5 @@ def test_nothing_is_best_without_a_rival():
 def test_bad_paths_are_refused(tmp_path: Path):
     with pytest.raises(OutputError, match=r"ends in '\.xlsx'; a table can be written as \.md"):
         TABLE.save(tmp_path / "table.xlsx")
-    with pytest.raises(OutputError, match=r"cannot write '.*absent.*': No such file"):
+    with pytest.raises(OutputError, match=r"cannot write '.*absent.*': there is no folder"):
         TABLE.save(tmp_path / "absent" / "table.md")
