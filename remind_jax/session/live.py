@@ -478,7 +478,7 @@ class Tracker(Printable):
         if not lock.acquire(blocking=False):
             raise RemindError(
                 "this Tracker is used by two threads at once; give each its own, or a lock around "
-                "'update'"
+                "every call"
             )
         try:
             yield
