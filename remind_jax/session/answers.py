@@ -48,6 +48,9 @@ def read_tracks(prepared: Prepared, outlines: Outlines, decisions: Decisions) ->
     """
     frame, detections, is_double = prepared.frame, prepared.detections, prepared.is_double
     num, d = len(detections), decisions
+    is_blank = d.outcome[:num] == Outcome.EMPTY  # to the step an empty mask is no detection
+    outcome = np.where(is_double | is_blank, Outcome.DROPPED, d.outcome[:num])
+    reason = np.where(is_blank, Reason.INVALID_INPUT, d.reason[:num])
     candidate_id, candidate_score = _name_candidates(d)
 
     def take(values: Any) -> np.ndarray:
@@ -59,8 +62,8 @@ def read_tracks(prepared: Prepared, outlines: Outlines, decisions: Decisions) ->
         time_s=frame.time_s,
         name=frame.name,
         frame_size=frame.size,
-        outcome=np.where(is_double, Outcome.DROPPED, take(d.outcome)).astype(d.outcome.dtype),
-        reason=np.where(is_double, Reason.DOUBLE, take(d.reason)).astype(d.reason.dtype),
+        outcome=outcome.astype(d.outcome.dtype),
+        reason=np.where(is_double, Reason.DOUBLE, reason).astype(d.reason.dtype),
         object_id=take(d.object_id),
         pending_id=take(d.pending_id),
         status=take(d.status),
@@ -100,7 +103,7 @@ def note_omissions(
         omitted.append(Event(index, "double", message))
     used = np.asarray(prepared.masks.valid[:num]) | prepared.is_double
     if empty := num - int(np.sum(used)):
-        omitted.append(Event(index, "dropped", f"{empty} empty masks were dropped"))
+        omitted.append(Event(index, "dropped", f"dropped {plural(empty, 'empty mask')}"))
     return omitted
 
 

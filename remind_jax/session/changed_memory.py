@@ -18,8 +18,12 @@ from remind_jax.method import Joining, get_method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.session.announcement import Announcements
 from remind_jax.session.memory_file import SavedMemory
-from remind_jax.session.memory_fit import check_backbone, check_classes, check_tracker
-from remind_jax.session.preparation import ANY_CLASS
+from remind_jax.session.memory_fit import (
+    check_backbone,
+    check_classes,
+    check_tracker,
+    is_blind,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +58,7 @@ def join_memories(
     method = get_method(memory.tracker)
     check_tracker(other, memory.tracker, path)
     if memory.class_names:
-        check_classes(other, {*memory.class_names} == {ANY_CLASS}, path)
+        check_classes(other, is_blind(memory), path)
     check_backbone(other, memory.backbone, memory.fingerprint, path)
     if method.host.join is None or memory.at_rest is None or other.at_rest is None:
         raise ConfigError(

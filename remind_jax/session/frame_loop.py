@@ -333,8 +333,9 @@ class FrameLoop:
             return
         decisions, objects = jax.device_get((tracker.state.decisions, tracker.state.objects))
         record = tracker.method.explainer.record(len(tracks), decisions, tracker.trace)
+        class_names = tuple(tracker.preparer.class_ids)
         labels = {
-            int(i): tracker.class_names[number]
+            int(i): class_names[number]
             for i, number in zip(objects.id, objects.class_id, strict=True)
             if i != NO_ID
         }

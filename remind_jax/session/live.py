@@ -223,8 +223,9 @@ class Tracker(Printable):
 
     @property
     def class_names(self) -> tuple[str, ...]:
-        """Classes met so far, by class id."""
-        return tuple(self.preparer.class_ids)
+        """Classes met so far, those of a memory that was loaded among them where they count."""
+        is_blind = self.config.input.class_agnostic
+        return tuple(self.preparer.labels if is_blind else self.preparer.class_ids)
 
     def reset(self) -> None:
         """Forgets everything; compiled programs stay."""
@@ -477,7 +478,7 @@ class Tracker(Printable):
         if not lock.acquire(blocking=False):
             raise RemindError(
                 "this Tracker is used by two threads at once; give each its own, or a lock around "
-                "'update'"
+                "every call"
             )
         try:
             yield
@@ -510,7 +511,7 @@ class Tracker(Printable):
         return SavedMemory(
             state=self.state,
             static=self.static,
-            class_names=self.class_names,
+            class_names=tuple(self.preparer.class_ids),
             backbone=FEATURES_GIVEN if self._features_given else self.features.described_by,
             tracker=self.method.name,
             announced=None if announced.is_identity else announced,

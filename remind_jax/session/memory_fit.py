@@ -57,12 +57,20 @@ def check_classes(memory: SavedMemory, is_agnostic: bool, path: str | Path) -> N
       RemindError: If its objects would not be recognized for that.
     """
     has_classes = any(name != ANY_CLASS for name in memory.class_names)
-    if memory.class_names and has_classes == is_agnostic:
+    if has_classes if is_agnostic else is_blind(memory):
         made, hint = ("with", "leave out") if has_classes else ("without", "set")
         raise RemindError(
             f"{path} was made {made} classes; {hint} input.class_agnostic, or start without the "
             "memory"
         )
+
+
+def is_blind(memory: SavedMemory) -> bool:
+    """Whether its objects are of one class because classes were not compared.
+
+    Where every object was called by the name of that class, it makes no difference.
+    """
+    return {*memory.class_names} == {ANY_CLASS} and bool(memory.records.labels - {ANY_CLASS})
 
 
 def static_of(memory: SavedMemory, config: Config, path: str | Path) -> Static:

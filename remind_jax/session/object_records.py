@@ -376,6 +376,11 @@ class ObjectRecords:
         return members
 
     @property
+    def labels(self) -> set[str]:
+        """Classes at first sight of all objects that it has a record of."""
+        return {record.label for record in self._records.values()}
+
+    @property
     def num_records(self) -> int:
         """Objects that there is a record of, those that memory has no more among them."""
         return len(self._records)

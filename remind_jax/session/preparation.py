@@ -43,7 +43,8 @@ class FramePreparer:
     """Prepares the frames of one stream, in order; knows their classes, but no memory.
 
     Attributes:
-      class_ids: Number of each class met so far, by name.
+      class_ids: Number of each class met so far, by name; of all in one where none are compared.
+      labels: Classes met so far, by their names, in that order.
       last_image: Of the last frame prepared, if the method observes images.
       last_time_s: Of the last frame, if that was measured.
     """
@@ -56,6 +57,7 @@ class FramePreparer:
         """
         self._method, self._patch_px, self._with_closeups = method, patch_px, with_closeups
         self.class_ids: dict[str, int] = {}
+        self.labels: dict[str, None] = {}
         self.last_image: np.ndarray | None = None
         self.last_time_s: float | None = None
 
@@ -76,6 +78,7 @@ class FramePreparer:
         masks = alignment.align_masks(detections.masks)
         classes = (ANY_CLASS,) * len(detections) if options.class_agnostic else detections.labels
         known = self.class_ids
+        self.labels |= dict.fromkeys(detections.labels)
         reduced = reduce_masks(
             masks,
             np.array([known.setdefault(name, len(known)) for name in classes], np.int32),

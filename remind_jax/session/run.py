@@ -241,8 +241,9 @@ def _check_source(
     if resumed is not None:
         raise OutputError(
             f"'{frames.name}' is live and cannot be gone back in; start a new run into another "
-            f"folder, and go on from what is remembered with memory='{resumed}/{MEMORY_NAME}' (or "
-            f"'{resumed}/{CHECKPOINT_NAME}/{MEMORY_NAME}' after a crash)"
+            "folder, and go on (memory=, --memory) from what is remembered in "
+            f"'{resumed}/{MEMORY_NAME}', or after a crash in "
+            f"'{resumed}/{CHECKPOINT_NAME}/{MEMORY_NAME}'"
         )
     if detector is None:
         raise SourceError(f"'{frames.name}' brings no masks; give a detector")

@@ -10,6 +10,7 @@ import dataclasses
 import datetime
 import functools
 import time
+import weakref
 from collections.abc import Callable, Generator, Iterator
 from typing import Any
 
@@ -91,15 +92,12 @@ class LiveReader:
         self.feed = self._start()
         self._is_fresh = True
 
-    def __del__(self) -> None:
-        feed = getattr(self, "feed", None)
-        if feed is not None:
-            feed.stop()
-
     def _start(self) -> Feed:
         reconnect_s = self._options.reconnect
         wait_s = max(1.0, min(WAIT_S, reconnect_s / 2 if reconnect_s else WAIT_S))
-        return Feed(self._open_capture, self.shown, reconnect_s=reconnect_s, wait_s=wait_s)
+        feed = Feed(self._open_capture, self.shown, reconnect_s=reconnect_s, wait_s=wait_s)
+        weakref.finalize(self, feed.stop)  # at the end of the process while modules are still whole
+        return feed
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
         """Yields what arrives, the newest first; at the end the count of those passed over."""

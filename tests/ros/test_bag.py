@@ -11,6 +11,7 @@ from tests.ros import messages
 
 TOPICS = BagTopics("/camera/image", instances="/detector/instances")
 STEP_NS = 100_000_000
+DETECTOR_NS = 40_000_000  # what comes of an image is recorded later than the image
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +27,14 @@ def bag(tmp_path_factory):
             picture, numbers = messages.scene(index)
             stamp = 5_000_000_000 + index * STEP_NS
             shown = numbers[:50] if index == 3 else numbers
-            for outlet, said in zip(
+            for outlet, later_ns, said in zip(
                 outlets,
+                (0, DETECTOR_NS),
                 (messages.image(picture, "rgb8", stamp), messages.image(shown, "16UC1", stamp)),
                 strict=True,
             ):
-                writer.write(outlet, stamp, messages.TYPES.serialize_cdr(said, kind))
+                raw = messages.TYPES.serialize_cdr(said, kind)
+                writer.write(outlet, stamp + later_ns, raw)
     return path
 
 
@@ -95,6 +98,9 @@ def test_what_cannot_be_done_is_said(bag, tmp_path, capsys):
         identify_bag(bag, tmp_path / "out", BagTopics("/camera/image", detections="/other"))
     with pytest.raises(SourceError, match="name a topic"):
         identify_bag(bag, tmp_path / "out", BagTopics("/camera/image"))
+    other = BagTopics("/camera/image", detections="/detector/instances")
+    with pytest.raises(SourceError, match=r"instances' of .* holds sensor_msgs/msg/Image; name"):
+        identify_bag(bag, tmp_path / "out", other)
     with pytest.raises(SourceError, match="no bag that can be read"):
         identify_bag(tmp_path / "nothing", tmp_path / "out", TOPICS)
     (tmp_path / "there").mkdir()

@@ -4,13 +4,15 @@ import dataclasses
 
 import jax
 import numpy as np
+import pytest
 
 from remind_jax.config import load_config
-from remind_jax.decision import Outcome, no_decisions
+from remind_jax.decision import Outcome, Reason, no_decisions
 from remind_jax.frame import Detections, Frame
 from remind_jax.masks.run_length import decode_mask
 from remind_jax.method import get_method
 from remind_jax.session.answers import outline, read_tracks
+from remind_jax.session.live import Tracker
 from remind_jax.session.preparation import FramePreparer
 from remind_jax.static import Static
 
@@ -55,3 +57,15 @@ def test_undecided_detections_name_their_options_and_others_the_nearest():
     assert tracks.candidate_id.tolist() == [[7, 8, -1], [5, 7, -1]]
     assert tracks.candidate_score[1].tolist() == [0.5, 0.25, 0.0]
     assert (tracks.frame_index, tracks.source_index, tracks.time_s) == (3, 6, 0.5)
+
+
+@pytest.mark.parametrize("name", ["plus", "bank"])
+def test_an_empty_mask_is_dropped_and_no_object_that_might_be_new(name):
+    tracker = Tracker(tracker=name)
+    masks = np.zeros((2, 64, 96), bool)
+    masks[1, 16:48, 16:48] = True
+    tracks = tracker.update(np.zeros((64, 96, 3), np.uint8), {"masks": masks, "labels": ["a", "b"]})
+    assert (tracks.outcome[0], tracks.reason[0]) == (Outcome.DROPPED, Reason.INVALID_INPUT)
+    assert tracks.display_name(0) == "a"
+    (event,) = tracker.events
+    assert (event.kind, event.message) == ("dropped", "dropped 1 empty mask")

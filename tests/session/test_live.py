@@ -156,6 +156,29 @@ def test_a_memory_with_classes_is_refused_where_none_are_compared(first, tmp_pat
         trackers[1].load(tmp_path / "kept.safetensors")
 
 
+def test_a_class_may_have_the_name_that_stands_for_any(tmp_path):
+    image, masks = frames(1)[0]
+    trackers = [Tracker(CONFIG), Tracker(), Tracker()]
+    for tracker, label in zip(trackers, ("thing", "thing", "mug"), strict=True):
+        for _ in range(4):
+            tracker.update(image, {"masks": masks == 1, "labels": [label]})
+        tracker.save(tmp_path / label)
+        again = Tracker(tracker.config)
+        again.load(tmp_path / label)
+        assert [one.title for one in again.objects()] == [f"{label} 0"]
+    trackers[1].join(tmp_path / "mug")
+    assert len(trackers[1].objects()) == 2
+
+
+def test_classes_are_told_where_none_are_compared():
+    tracker = Tracker({**CONFIG, "input": {"class_agnostic": True}})
+    image, masks = frames(1)[0]
+    for label in ("mug", "cup", "mug"):
+        tracks = tracker.update(image, {"masks": masks == 1, "labels": [label]})
+        assert tracks.labels == (label,)
+    assert tracker.class_names == ("mug", "cup")
+
+
 def test_frames_of_a_source_that_is_opened_again_are_later_ones():
     tracker = Tracker(CONFIG)
     for _ in range(2):

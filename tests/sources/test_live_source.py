@@ -3,6 +3,8 @@
 import functools
 import gc
 import math
+import subprocess
+import sys
 import threading
 import time
 
@@ -129,6 +131,20 @@ def test_duration_ends_a_stream_also_one_that_is_silent(is_stalled):
         last = [first, *frames][-1]
         assert 0.5 <= time.monotonic() - arrived < 5
     assert last.time_s <= 0.5
+
+
+def test_a_script_that_keeps_its_source_ends_without_a_word():
+    script = (
+        "import os, sys, remind_jax as rj\n"
+        "source = rj.open_source(sys.argv[1], sampling={'max_frames': 2})\n"
+        "os.kept = source  # is cleared later than threading\n"
+        "print(len(list(source)))\n"
+    )
+    with Camera(fps=30) as camera:
+        done = subprocess.run(
+            [sys.executable, "-c", script, camera.url], capture_output=True, text=True, timeout=120
+        )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "2\n", "")
 
 
 def test_it_can_be_gone_through_again():

@@ -67,7 +67,7 @@ def identify_bag(
       slop_s: By how much stamps of one image may differ.
 
     Raises:
-      SourceError: If the bag cannot be read, or lacks a topic.
+      SourceError: If the bag cannot be read, lacks a topic, or has other messages there.
       OutputError: If the target is there already, or cannot be written.
     """
     if not (topics.instances or topics.detections):
@@ -106,10 +106,21 @@ def _open(source: str | Path, topics: BagTopics, types: Any) -> Iterator[AnyRead
         reader.open()
     except (AnyReaderError, OSError) as error:
         raise SourceError(f"{source} is no bag that can be read: {error}") from error
+    kinds = {
+        topics.image: ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
+        topics.instances: ("sensor_msgs/msg/Image",),
+        topics.detections: ("vision_msgs/msg/Detection2DArray",),
+    }
     try:
         if missing := sorted(set(topics.names) - set(reader.topics)):
             there = ", ".join(sorted(reader.topics)) or "none"
             raise SourceError(f"{source} has no topic '{missing[0]}'; its topics: {there}")
+        for one in reader.connections:
+            if one.topic in topics.names and one.msgtype not in kinds[one.topic]:
+                raise SourceError(
+                    f"topic '{one.topic}' of {source} holds {one.msgtype}; name one that holds "
+                    f"{' or '.join(kinds[one.topic])}"
+                )
         add_types(reader.typestore)
         yield reader
     finally:
@@ -129,17 +140,18 @@ def _create(target: str | Path) -> Iterator[Writer]:
 def _read_sets(
     reader: AnyReader, pairing: Pairing, topics: BagTopics, refused: list[str]
 ) -> Iterator[tuple[int, list[Any]]]:
-    """Complete sets of image, instance map and detections, with the bag's time in nanoseconds."""
+    """Complete sets of image, instance map and detections, with the bag's time of the image, ns."""
     wanted = [one for one in reader.connections if one.topic in topics.names]
     for connection, time_ns, raw in reader.messages(wanted):
         message = reader.deserialize(raw, connection.msgtype)
         try:
-            sets = pairing.add(connection.topic, stamp_ns(message), message)
+            sets = pairing.add(connection.topic, stamp_ns(message), (time_ns, message))
         except SourceError as error:
             refused.append(f"message at {time_ns} ns: {error}")
             continue
         for found in sets:
-            yield time_ns, [found.get(name) for name in dataclasses.astuple(topics)]
+            parts = [found.get(name, (0, None)) for name in dataclasses.astuple(topics)]
+            yield parts[0][0], [part for _, part in parts]
 
 
 def from_store(types: Any) -> Any:
