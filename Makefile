@@ -47,8 +47,7 @@ lint: $(VENV)/.dev  ## style, and which room imports which
 	$(BIN)/lint-imports --no-cache
 
 types: $(VENV)/.dev  ## types of what is shipped, of tests and of benchmarks
-	$(BIN)/pyright --pythonpath $(BIN)/python
-	$(BIN)/pyright --pythonpath $(BIN)/python tests benchmarks
+	$(BIN)/pyright --threads 2 --pythonpath $(BIN)/python
 
 bench: $(VENV)/.dev  ## what is claimed about speed
 	$(BIN)/python benchmarks/step.py
