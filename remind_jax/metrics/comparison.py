@@ -128,7 +128,7 @@ def check_table_place(path: Path) -> None:
     Raises:
       OutputError: If the name has another ending than .md, .csv or .txt, or no file may lie there.
     """
-    if path.suffix.lower() not in (".md", ".csv", ".txt"):
+    if path.suffix.lower() not in _RENDERED:
         raise OutputError(
             f"'{path}' ends in '{path.suffix}'; a table can be written as .md, .csv or .txt"
         )
@@ -214,9 +214,9 @@ class ComparisonTable(Printable):
         """
         path = Path(path)
         check_table_place(path)
-        render = {".md": self.to_markdown, ".csv": self.to_csv, ".txt": self.to_text}
+        render = _RENDERED[path.suffix.lower()]
         with writing(path):
-            path.write_text(render[path.suffix.lower()](), encoding="utf-8")
+            path.write_text(render(self), encoding="utf-8")
 
     @property
     def resolved_columns(self) -> tuple[Column, ...]:
@@ -242,6 +242,14 @@ class ComparisonTable(Printable):
             return lines
         notes = ["note", *(escape(row.note) for row in self.rows)]
         return [[*line, note] for line, note in zip(lines, notes, strict=True)]
+
+
+# How a table is written, by the ending of its file.
+_RENDERED = {
+    ".md": ComparisonTable.to_markdown,
+    ".csv": ComparisonTable.to_csv,
+    ".txt": ComparisonTable.to_text,
+}
 
 
 def _exact(value: float) -> str:

@@ -22,7 +22,7 @@ from remind_jax.session.memory_fit import (
     check_backbone,
     check_classes,
     check_tracker,
-    is_blind,
+    was_made_without_classes,
 )
 
 
@@ -58,7 +58,7 @@ def join_memories(
     method = get_method(memory.tracker)
     check_tracker(other, memory.tracker, path)
     if memory.class_names:
-        check_classes(other, is_blind(memory), path)
+        check_classes(other, was_made_without_classes(memory), path)
     check_backbone(other, memory.backbone, memory.fingerprint, path)
     if method.host.join is None or memory.at_rest is None or other.at_rest is None:
         raise ConfigError(

@@ -223,9 +223,9 @@ class Tracker(Printable):
 
     @property
     def class_names(self) -> tuple[str, ...]:
-        """Classes met so far, those of a memory that was loaded among them where they count."""
-        is_blind = self.config.input.class_agnostic
-        return tuple(self.preparer.labels if is_blind else self.preparer.class_ids)
+        """Classes met so far; by class id, with those of a loaded memory, if they are compared."""
+        is_agnostic = self.config.input.class_agnostic
+        return tuple(self.preparer.labels if is_agnostic else self.preparer.class_ids)
 
     def reset(self) -> None:
         """Forgets everything; compiled programs stay."""

@@ -57,7 +57,7 @@ def check_classes(memory: SavedMemory, is_agnostic: bool, path: str | Path) -> N
       RemindError: If its objects would not be recognized for that.
     """
     has_classes = any(name != ANY_CLASS for name in memory.class_names)
-    if has_classes if is_agnostic else is_blind(memory):
+    if has_classes if is_agnostic else was_made_without_classes(memory):
         made, hint = ("with", "leave out") if has_classes else ("without", "set")
         raise RemindError(
             f"{path} was made {made} classes; {hint} input.class_agnostic, or start without the "
@@ -65,7 +65,7 @@ def check_classes(memory: SavedMemory, is_agnostic: bool, path: str | Path) -> N
         )
 
 
-def is_blind(memory: SavedMemory) -> bool:
+def was_made_without_classes(memory: SavedMemory) -> bool:
     """Whether its objects are of one class because classes were not compared.
 
     Where every object was called by the name of that class, it makes no difference.
