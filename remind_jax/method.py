@@ -59,6 +59,13 @@ class AtRest(Protocol):
         """The memory without so many objects at most that are longest out of view: they rest."""
         ...
 
+    def shrink(self, state: Any, static: Static, smaller: Static) -> Any:
+        """The memory in smaller capacities, where objects rest for it; None if that cannot be.
+
+        The last frames had no more detections than they hold.
+        """
+        ...
+
     def recall(self, state: Any, seen: Any, static: Static) -> Any:
         """The memory with what the next frame may show; None if nothing comes."""
         ...

@@ -12,6 +12,7 @@ classes, `A` looks under each name.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
@@ -24,6 +25,7 @@ from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus.archive import Archive, Snapshot
 from remind_jax.plus.look_index import Whitener
 from remind_jax.plus.state import PlusState, Scene, Tracklets, init
+from remind_jax.plus.static import num_tracklets
 from remind_jax.plus.thresholds import FRAME_AREA
 from remind_jax.static import Static
 
@@ -84,6 +86,46 @@ class ObjectsAtRest:
         """
         state = jax.device_get(state)
         return self._rest(state, static, self._idle(state)[:num])
+
+    def shrink(self, state: PlusState, static: Static, smaller: Static) -> PlusState | None:
+        """Moves the memory into smaller capacities; None if what is in use has no room there.
+
+        Args:
+          state: The memory, on the host, whose last frames had no more detections than there are
+            slots for then.
+          static: Its capacities.
+          smaller: Those that it will have.
+        """
+        state = jax.device_get(state)
+        frame_rows = smaller.num_detections
+        waiting = state.tracklets.alive[frame_rows:]
+        if waiting.sum() > num_tracklets(smaller) - frame_rows:
+            return None
+        most = smaller.num_objects - smaller.num_objects // SPARE_SHARE
+        excess = int(state.objects.exists.sum()) - most
+        idle = self._idle(state)
+        if excess > len(idle):
+            return None
+        state = self._rest(state, static, idle[: max(0, excess)])
+        # What is in use comes first, in the order in which it was.
+        first = np.argsort(~state.objects.exists, kind="stable")
+        place_of = np.argsort(first)
+        rows = np.concatenate(
+            [np.arange(frame_rows), frame_rows + np.argsort(~waiting, kind="stable")]
+        )
+        tracklets = jax.tree.map(lambda leaf: leaf[rows], state.tracklets)
+        holds = tracklets.alive & (tracklets.slot != NO_SLOT)
+        moved = dataclasses.replace(
+            state,
+            objects=jax.tree.map(lambda leaf: leaf[first], state.objects),
+            pairs=jax.tree.map(lambda leaf: leaf[np.ix_(first, first)], state.pairs),
+            tracklets=dataclasses.replace(
+                tracklets, slot=np.where(holds, place_of[tracklets.slot], NO_SLOT)
+            ),
+        )
+        return jax.tree.map(
+            lambda leaf, room: leaf[tuple(map(slice, room.shape))], moved, _empty(smaller)
+        )
 
     def recall(self, state: PlusState, seen: Any, static: Static) -> PlusState | None:
         """Brings what the detections of the next frame may be; None if nothing comes.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import ctypes
 import dataclasses
 import functools
 import gc
 import logging
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -42,6 +44,10 @@ _CAPACITIES = {
 # Share of a capacity from which on twice of it is prepared: objects stay, the rest comes and goes.
 PRESSED = {"num_detections": 3 / 4, "num_objects": 1 / 2, "num_pending": 3 / 4}
 
+# Room that so many frames in a row had no use for goes; after the first of them the program of what
+# is left is made.
+CALM_FRAMES, CALM_AT_FIRST = 50, 10
+
 # Frames after which freed memory goes back: what a compiler freed lies scattered, and a loop would
 # touch more and more of its pages.
 _RETURN_EVERY = 1000
@@ -61,7 +67,8 @@ class GrowingMemory:
 
     Capacities double when they overflow, and the program of the next larger ones is compiled in a
     thread of its own before it is needed. Where a method has a place for objects at rest, these
-    make room instead, and the program stays the same however many are known.
+    make room instead, and the program stays the same however many are known; once a crowd of
+    detections is over, its room goes.
 
     Attributes:
       static: Capacities as grown so far.
@@ -94,8 +101,9 @@ class GrowingMemory:
         self._method = method
         self._num_steps = 0
         self._placed: tuple[Any, Packed | None] = (None, None)  # thresholds on the device
+        self._lately = collections.deque[int](maxlen=CALM_FRAMES)  # detections of the last frames
         self.at_rest: AtRest | None = self._new_rest()
-        self.static = self._grown(static)
+        self.static = self._reserved = self._grown(static)
 
     @property
     def state(self) -> Any:
@@ -111,7 +119,8 @@ class GrowingMemory:
     def forget(self) -> None:
         """Empties it; compiled programs stay."""
         self.state = self.trace = None
-        self.static = dataclasses.replace(self.static, feature_dim=self._feature_dim)
+        self._lately.clear()
+        self.static = dataclasses.replace(self._reserved, feature_dim=self._feature_dim)
         self.at_rest = self._new_rest()
 
     def prepare_programs(
@@ -186,6 +195,7 @@ class GrowingMemory:
         self.has_grown = self.static != before
         self.trace = jax.device_get(trace)
         self._look_ahead(make_input, num, readout.occupied)
+        self._shrink(make_input, num)
         return readout.decisions, outlines
 
     def forget_excess(self, frame_index: int) -> list[Event]:
@@ -232,6 +242,11 @@ class GrowingMemory:
                 self.state = rested
                 return
         self.grow(num_objects=num_objects, num_pending=num_pending)
+
+    def reserve(self, num_detections: int) -> None:
+        """Makes room for so many detections, and keeps it."""
+        self.grow(num_detections=num_detections)
+        self._reserved = self._grown(self._reserved.grow(num_detections=num_detections))
 
     def grow(self, **needed: int) -> None:
         """Moves the memory into larger capacities; their program is often ready by then."""
@@ -305,6 +320,32 @@ class GrowingMemory:
             wanted = self._grown(wanted)
             # The size of this frame is that of the next ones.
             self.ahead.start(wanted, lambda: self._prepare(make_input, wanted))
+
+    def _shrink(self, make_input: Callable[[Static], FrameInput], num_detections: int) -> None:
+        """Goes back to smaller capacities once frames had no use for more for a while."""
+        self._lately.append(num_detections)
+        if self.at_rest is None or self.static.num_detections <= self._reserved.num_detections:
+            return
+        lately = list(self._lately)
+        soon = self._smaller(max(lately[-CALM_AT_FIRST:]))
+        if len(lately) >= CALM_AT_FIRST and soon != self.static:
+            self.ahead.start(soon, lambda: self._prepare(make_input, soon))
+        smaller = self._smaller(max(lately))
+        if len(lately) < CALM_FRAMES or smaller == self.static:
+            return
+        shrunk = self.at_rest.shrink(self.state, self.static, smaller)
+        if shrunk is not None:
+            self.state, self.static = shrunk, smaller
+
+    def _smaller(self, num_detections: int) -> Static:
+        """The least capacities that so many detections do not press; these if none are less."""
+        needed = math.ceil(num_detections / PRESSED["num_detections"])
+        if needed > self.static.num_detections:
+            return self.static
+        kept = {name: getattr(self._reserved, name) for name in _CAPACITIES.values()}
+        least = dataclasses.replace(self.static, **kept).grow(num_detections=needed)
+        is_less = least.num_detections < self.static.num_detections
+        return self._grown(least) if is_less else self.static
 
 
 def check_room(method: Method, static: Static) -> None:

@@ -256,7 +256,7 @@ class Tracker(Printable):
         frame_size = check_size(frame_size)
         check_option("num_objects", num_objects, 0, MOST_OBJECTS)
         check_option("num_detections", num_detections, 0, MOST_DETECTIONS)
-        self._memory.grow(num_detections=num_detections)
+        self._memory.reserve(num_detections)
         image = np.zeros((*frame_size, 3), np.uint8)
         nothing = Detections.empty(*frame_size)
         # With a preparer of its own: the next frame does not follow this one.

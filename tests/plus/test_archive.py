@@ -131,6 +131,46 @@ def test_relations_outlast_a_rest_of_either_object():
             np.testing.assert_array_equal(leaf, by_id(both)[name], name)
 
 
+def holding(slots_of_rows):
+    """The memory with tracklets in these rows, each of an object."""
+    state = remembered()
+    rows = [*slots_of_rows]
+    state.tracklets.alive[rows] = True
+    state.tracklets.slot[rows] = [*slots_of_rows.values()]
+    state.tracklets.age[rows] = rows
+    return state
+
+
+def test_a_memory_shrinks_to_what_is_in_use_and_others_rest():
+    state, at_rest = holding({0: 20, 1: 3, 9: 29}), ObjectsAtRest()
+    smaller = dataclasses.replace(STATIC, num_detections=2, num_objects=16)
+    shrunk = at_rest.shrink(state, STATIC, smaller)
+    assert jax.tree.map(np.shape, shrunk) == jax.tree.map(np.shape, init(smaller))
+    assert [*np.flatnonzero(shrunk.tracklets.alive)] == [0, 1, 2]
+    assert shrunk.tracklets.age[:3].tolist() == [0, 1, 9]
+    assert shrunk.objects.id[shrunk.tracklets.slot[:3]].tolist() == [60, 9, 87]
+    present = sorted(shrunk.objects.id[shrunk.objects.exists])
+    assert len(present) == 14  # and room for others
+    assert sorted([*present, *at_rest.ids()]) == state.objects.id[:30].tolist()
+    stays = np.isin(state.objects.id[:30], present)
+    for name, leaf in by_id(shrunk).items():
+        before = by_id(state)[name]
+        is_of_pairs = name not in {field.name for field in dataclasses.fields(state.objects)}
+        expected = before[np.ix_(stays, stays)] if is_of_pairs else before[stays]
+        np.testing.assert_array_equal(leaf, expected, name)
+
+
+@pytest.mark.parametrize(
+    ("num_waiting", "capacities"),
+    [(7, {"num_detections": 2}), (6, {"num_detections": 2, "num_objects": 4})],
+    ids=["tracklets", "objects"],
+)
+def test_a_memory_whose_tracklets_or_objects_have_no_room_does_not_shrink(num_waiting, capacities):
+    state, at_rest = holding({4 + row: row for row in range(num_waiting)}), ObjectsAtRest()
+    assert at_rest.shrink(state, STATIC, dataclasses.replace(STATIC, **capacities)) is None
+    assert not at_rest.ids()
+
+
 def test_what_an_open_tracklet_is_answered_as_does_not_rest():
     state = remembered(6)
     state.answers.answer_id[1] = state.objects.id[2]

@@ -55,6 +55,52 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
         np.testing.assert_array_equal(one.outcome, three.outcome)
 
 
+def crowd(index: int) -> tuple[np.ndarray, Detections]:
+    """Three objects, in the second frame among 9 others, and these once more in the tenth."""
+    image, labels = scenes.picture(0)
+    masks = [*scenes.masks_of(labels)]
+    for which in range(9 * (index in (1, 9))):
+        rng = np.random.default_rng(which)
+        window = np.s_[2:10, 4 + 13 * which : 14 + 13 * which]
+        image[window] = rng.integers(0, 255, 3)
+        masks.append(np.zeros(labels.shape, bool))
+        masks[-1][window] = True
+    return image, Detections.create(np.stack(masks), [str(one) for one in range(len(masks))])
+
+
+def test_room_for_a_crowd_goes_when_it_is_over_and_no_answer_changes(monkeypatch):
+    monkeypatch.setattr(growing_memory, "CALM_FRAMES", 5)
+    static = {"num_detections": 4, "num_objects": 32}
+
+    def follow() -> tuple[list, list[int]]:
+        tracker, answers, room = Tracker({"static": static}), [], []
+        for index in range(12):
+            answers.append(tracker.update(*crowd(index)))
+            room.append(tracker.static.num_detections)
+        return answers, room
+
+    shrunk, room = follow()
+    assert room == [4, 16, 16, 16, 16, 16, 4, 4, 4, 16, 16, 16]
+    monkeypatch.setattr(growing_memory.GrowingMemory, "_shrink", lambda *_: None)
+    expected, room = follow()
+    assert room == [4, *[16] * 11]
+    for one, other in zip(shrunk, expected, strict=True):
+        np.testing.assert_array_equal(one.object_id, other.object_id)
+        np.testing.assert_array_equal(one.outcome, other.outcome)
+        np.testing.assert_array_equal(one.confidence, other.confidence)
+
+
+def test_room_that_was_asked_for_stays(monkeypatch):
+    monkeypatch.setattr(growing_memory, "CALM_FRAMES", 2)
+    tracker = Tracker({"static": {"num_detections": 4, "num_objects": 32}})
+    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_detections=16)
+    for index in (0, 2, 3):
+        tracker.update(*crowd(index))
+    assert tracker.static.num_detections == 16
+    tracker.reset()
+    assert tracker.static.num_detections == 16
+
+
 def test_after_a_warm_up_for_so_many_objects_nothing_more_is_compiled(looks_ahead, monkeypatch):
     static = {"num_detections": 4, "num_objects": 4, "num_pending": 4}
     tracker = Tracker({"tracker": "bank", "static": static})
