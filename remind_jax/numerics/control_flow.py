@@ -19,7 +19,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
-from remind_jax.numerics.slices import give_axis
+from remind_jax.numerics.slices import give_axis, put_slice, take_slice
 
 T = TypeVar("T")
 
@@ -89,6 +89,30 @@ def count_up(
         return _choose_in_batch(number < stop, turn(number, state), state)
 
     return lax.fori_loop(first, batch_max(stop), take, start)
+
+
+def fill_blocks(
+    make: Callable[[Callable[[Array], Array]], T], used: Bool[Array, "M"], rows: T, size: int
+) -> T:
+    """Makes rows anew up to the last one in use, a block at a time; most others stay as they are.
+
+    Args:
+      make: Gives the rows of a block; is given what takes those of this block from any array that
+        has `M` rows.
+      used: Rows in use; what the others become, nobody reads.
+      rows: Arrays of `M` rows.
+      size: Rows of a block on a CPU; elsewhere, where a loop costs by its turns, all make one.
+    """
+    num = len(used)
+    size = min(size, num) if jax.default_backend() == "cpu" else num
+    stop = jnp.max(jnp.where(used, jnp.arange(num), -1)) + 1
+
+    def turn(number: Int[Array, ""], rows: T) -> T:
+        start = jnp.minimum(number * size, num - size)
+        made = make(lambda of_all: take_slice(of_all, start, size))
+        return jax.tree.map(lambda leaf, new: put_slice(leaf, new, start), rows, made)
+
+    return count_up(-(-stop // size), turn, rows, suits_all=True)
 
 
 def in_turn(needed: Bool[Array, ""], function: Callable[..., T], *given: Any) -> T:

@@ -11,7 +11,7 @@ import dataclasses
 import functools
 import math
 import operator
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import jax
@@ -19,7 +19,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.control_flow import fill_blocks
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.reductions import first_largest
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import name_row
@@ -30,7 +32,7 @@ from remind_jax.plus.plane import squared_length
 from remind_jax.plus.scene_map import center_variance
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs, Scene, Tracklets
-from remind_jax.plus.static import NUM_CANDIDATES
+from remind_jax.plus.static import NUM_CANDIDATES, OBJECTS_BLOCK
 
 _EXPONENT_MAX = 80.0  # squared distances beyond do not count
 # Cosines of the same and of other objects, before anything was seen.
@@ -132,10 +134,16 @@ def find_ended(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
 
 def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Array, "N O"]:
     """Cosine to the nearest kept look of each object; -1 without any."""
-    # The many kept looks first: the other way around, all of them would be transposed.
-    cosine = jnp.einsum("oke,ne->okn", objects.white_bank, white_look, precision="highest")
-    kept = (objects.bank_count > 0)[..., None]
-    return jnp.max(jnp.where(kept, cosine, -1.0), axis=1).T
+
+    def compare(rows_of: Callable[[Array], Array]) -> Float[Array, "B N"]:
+        # The many kept looks first: the other way around, all of them would be transposed.
+        white = rows_of(objects.white_bank)
+        cosine = jnp.einsum("oke,ne->okn", white, white_look, precision="highest")
+        kept = rows_of(objects.bank_count)[..., None] > 0
+        return jnp.max(jnp.where(kept, cosine, -1.0), axis=1)
+
+    nothing = jnp.full((len(objects.id), len(white_look)), -1.0, white_look.dtype)
+    return fill_blocks(compare, objects.exists, nothing, OBJECTS_BLOCK).T
 
 
 class Cosines(NamedTuple):
@@ -290,7 +298,7 @@ def _lead_evidence(
     comparable = exists & (names > SAME_CLASS)
     of_class = jnp.where(comparable, looks, -jnp.inf)
     best = jnp.max(of_class, axis=1, keepdims=True)
-    is_best = jnp.arange(len(exists)) == jnp.argmax(of_class, axis=1)[:, None]
+    is_best = jnp.arange(len(exists)) == first_largest(of_class)[:, None]
     second = jnp.max(jnp.where(is_best, -jnp.inf, of_class), axis=1, keepdims=True)
     enough = jnp.sum(comparable, axis=1, keepdims=True) > LEAD_RIVALS
     lead = jnp.where(enough, best - second, 0.0)

@@ -9,7 +9,7 @@ units.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -17,8 +17,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.control_flow import count_up
+from remind_jax.numerics.control_flow import count_up, fill_blocks
 from remind_jax.numerics.pooling import dot
+from remind_jax.numerics.reductions import first_largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import name_row, vote
 from remind_jax.plus.decision import Choice
@@ -29,7 +30,7 @@ from remind_jax.plus.plane import log_ratios, mean_sizes
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets
-from remind_jax.plus.static import NAME_ROWS
+from remind_jax.plus.static import NAME_ROWS, OBJECTS_BLOCK
 from remind_jax.plus.whitening import adjust_cosine, class_offset, whiten
 
 # Relations that are stored, by their spreads, object sizes.
@@ -74,37 +75,64 @@ def learn_relations(
       t: What speeds make of relations.
     """
     visible = row != NO_ROW
-    place = jnp.where(visible[:, None], sightings.center[row], objects.position)
-    size = jnp.where(visible, sightings.size[row], objects.size)
-    border = jnp.where(visible & sightings.touches[row], BORDER_ERROR, 0.0)
-    doubt = jnp.where(visible, 0.0, jnp.sqrt(jnp.maximum(diagonal(pairs.covariance), 0.0)))
-
-    scale = mean_sizes(size, size)
-    spread = (doubt[:, None] + doubt[None, :]) / scale + (border[:, None] + border[None, :])
-    one_visible = visible[:, None] | visible[None, :]
-    both_exist = objects.exists[:, None] & objects.exists[None, :]
-    accepted = one_visible & both_exist & ~jnp.eye(len(row), dtype=bool)
     # A relation is forgotten as fast as its objects move.
-    speed = tick * forgetting_speed(objects, t)
-    aged = pairs.spread + (speed[:, None] + speed[None, :]) / scale
-    aged = jnp.where(aged < SPREAD_MAX, aged, UNRELATED)
-    accepted &= (spread <= aged + SPREAD_SLACK) & (spread < SPREAD_MAX)
-    alike = jnp.abs(spread - aged) < SPREAD_SAME
-    rate = jnp.where(accepted, jnp.where(alike, RELATION_RATE, 1.0), 0.0)
-
-    relation = (place[None, :] - place[:, None]) / scale[..., None]
-    log_ratio = log_ratios(size, size)
-    together = (visible[:, None] & visible[None, :]).astype(jnp.float32)
-    relation = pairs.relation + rate[..., None] * (relation - pairs.relation)
-    spread = aged + rate * (spread - aged)
-    log_ratio = pairs.log_ratio + rate * (log_ratio - pairs.log_ratio)
-    return dataclasses.replace(
-        pairs,
-        covisible=jnp.where(both_exist, pairs.covisible + together, 0.0),
-        relation=jnp.where(both_exist[..., None], relation, 0.0),
-        spread=jnp.where(both_exist, spread, UNRELATED),
-        log_ratio=jnp.where(both_exist, log_ratio, 0.0),
+    every = _Placed(
+        slot=jnp.arange(len(row)),
+        exists=objects.exists,
+        visible=visible,
+        place=jnp.where(visible[:, None], sightings.center[row], objects.position),
+        size=jnp.where(visible, sightings.size[row], objects.size),
+        border=jnp.where(visible & sightings.touches[row], BORDER_ERROR, 0.0),
+        doubt=jnp.where(visible, 0.0, jnp.sqrt(jnp.maximum(diagonal(pairs.covariance), 0.0))),
+        speed=tick * forgetting_speed(objects, t),
     )
+    known = pairs.covisible, pairs.relation, pairs.spread, pairs.log_ratio
+
+    def relate(rows_of: Callable[[Array], Array]) -> tuple[Array, ...]:
+        block = jax.tree.map(rows_of, every)
+        covisible, relation, spread, log_ratio = map(rows_of, known)
+        scale = mean_sizes(block.size, every.size)
+        error = (block.doubt[:, None] + every.doubt) / scale + (
+            block.border[:, None] + every.border
+        )
+        both_visible = block.visible[:, None] & every.visible
+        both_exist = block.exists[:, None] & every.exists
+        accepted = (block.visible[:, None] | every.visible) & both_exist
+        accepted &= block.slot[:, None] != every.slot
+        aged = spread + (block.speed[:, None] + every.speed) / scale
+        aged = jnp.where(aged < SPREAD_MAX, aged, UNRELATED)
+        accepted &= (error <= aged + SPREAD_SLACK) & (error < SPREAD_MAX)
+        alike = jnp.abs(error - aged) < SPREAD_SAME
+        rate = jnp.where(accepted, jnp.where(alike, RELATION_RATE, 1.0), 0.0)
+        offset = (every.place - block.place[:, None]) / scale[..., None]
+        relation += rate[..., None] * (offset - relation)
+        log_ratio += rate * (log_ratios(block.size, every.size) - log_ratio)
+        return (
+            jnp.where(both_exist, covisible + both_visible, 0.0),
+            jnp.where(both_exist[..., None], relation, 0.0),
+            jnp.where(both_exist, aged + rate * (error - aged), UNRELATED),
+            jnp.where(both_exist, log_ratio, 0.0),
+        )
+
+    covisible, relation, spread, log_ratio = fill_blocks(
+        relate, objects.exists, known, OBJECTS_BLOCK
+    )
+    return dataclasses.replace(
+        pairs, covisible=covisible, relation=relation, spread=spread, log_ratio=log_ratio
+    )
+
+
+class _Placed(NamedTuple):
+    """Where objects are, and how well that is known."""
+
+    slot: Int[Array, "O"]
+    exists: Bool[Array, "O"]
+    visible: Bool[Array, "O"]
+    place: Float[Array, "O 2"]
+    size: Float[Array, "O"]
+    border: Float[Array, "O"]  # error of what touches the border, sizes
+    doubt: Float[Array, "O"]  # standard deviation of the place
+    speed: Float[Array, "O"]
 
 
 @jax.tree_util.register_dataclass
@@ -216,7 +244,7 @@ def _keep_look(
     count = banks.counts[row]
     cosine = adjust_cosine(scene, dot(banks.white[row], whiten(scene, look - offset)[None])[:, 0])
     # A free place is taken by what is nowhere nearer than the novel may be.
-    at = jnp.argmax(jnp.where(count > 0, cosine, t.novel)).astype(jnp.int32)
+    at = first_largest(jnp.where(count > 0, cosine, t.novel))
     is_joined = (jnp.arange(len(count)) == at) & (count > 0)
     num = jnp.sum(jnp.where(is_joined, count, 0))
     old = jnp.sum(jnp.where(is_joined[:, None], banks.look[row], 0.0), axis=0)
@@ -280,14 +308,17 @@ def learn_cosines(
     shares = jnp.where(row != NO_ROW, share[row], 0.0)
     weight = weight * jnp.maximum(share[:, None], shares[None, :])
 
-    def moments(weight: Array, value: Array) -> Float[Array, "3 *any"]:
-        return jnp.stack([weight, weight * value, weight * value**2])
+    def moments(weight: Array, value: Array, axis: int) -> Float[Array, "3 *any"]:
+        powers = weight, weight * value, weight * value**2
+        return jnp.stack([jnp.sum(power, axis=axis) for power in powers])
 
-    others, own = moments(weight, cosine), jnp.sum(moments(same_weight, same), axis=1)
-    of_all = jnp.stack([jnp.sum(others, axis=(1, 2)), jnp.sum(own, axis=1)], axis=1)
+    own = moments(same_weight, same, 0)
+    of_others = moments(jnp.where(alike, weight, 0.0), cosine, 1)
+    of_foreign = moments(jnp.where(alike, 0.0, weight), cosine, 1)
+    of_all = jnp.stack([jnp.sum(of_others + of_foreign, axis=1), jnp.sum(own, axis=1)], axis=1)
     num, once, squares = of_all
     fade = COSINE_DECAY**num
-    of_row = jnp.stack([jnp.sum(jnp.where(alike, others, 0.0), axis=2), own], axis=1)
+    of_row = jnp.stack([of_others, own], axis=1)
     is_of_class = name_row(here.class_id)[:, None] == jnp.arange(NAME_ROWS)
     of_class = jnp.sum(jnp.where(is_of_class, of_row[..., None], 0.0), axis=2)
     return dataclasses.replace(

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot
+from remind_jax.numerics.reductions import first_largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
@@ -37,7 +38,7 @@ from remind_jax.plus.plane import (
 )
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.state import Scene, Tracklets
-from remind_jax.plus.whitening import adjust_cosine, whiten
+from remind_jax.plus.whitening import adjust_cosine, whiten_used
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
 SMOOTHING = 4  # detections that the look of a tracklet averages
@@ -96,10 +97,11 @@ def link_odds(cosine: Float[Array, "N T"], scene: Scene, t: th.Calibration) -> F
     )
     mean = once / weight
     own = jnp.maximum(squares / weight - mean**2, LEAST_COSINE_VARIANCE)
-    same = _log_density(jnp.minimum(cosine - mean, 0.0), own)
+    same = _tail(jnp.minimum(cosine - mean, 0.0), own)
     # What is even less alike than others are is no more like the same.
-    other = _log_density(jnp.maximum(cosine - usual.mean[0], 0.0), usual.variance[0])
-    return jnp.minimum(same - other, 0.0)
+    other = _tail(jnp.maximum(cosine - usual.mean[0], 0.0), usual.variance[0])
+    odds = (TAILS + 1.0) * jnp.log(other / same) + jnp.log(usual.variance[0] / own)
+    return jnp.minimum(0.5 * odds, 0.0)
 
 
 def cut_odds(
@@ -194,7 +196,7 @@ def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
     alone, one_group = jnp.full(num, t.least), jnp.zeros(num, jnp.int32)
     others = possible & ~clear
     found = assign_in_graph(links.score, others, one_group, alone, jnp.array(True))
-    return jnp.where(jnp.any(clear, axis=1), jnp.argmax(clear, axis=1), found)
+    return jnp.where(jnp.any(clear, axis=1), first_largest(clear), found)
 
 
 def trust_links(
@@ -329,15 +331,17 @@ def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> F
 
     Not of their backgrounds: what passes one spot has one background, whoever it is.
     """
-    looks = jnp.concatenate([sightings.look, tracklets.look])
-    white = whiten(scene, jnp.where(sightings.is_background, scene.white_mean, looks))
-    num, has_direction = len(sightings.look), jnp.any(white != 0.0, axis=1)
-    known = has_direction[:num, None] & has_direction[num:]
-    cosine = adjust_cosine(scene, dot(white[:num], white[num:]))
-    return jnp.where(known, cosine, LOOK_MIDDLE)
+
+    def whiten_objects(looks: Float[Array, "X D"], used: Bool[Array, "X"]) -> Float[Array, "X E"]:
+        looks = jnp.where(sightings.is_background, scene.white_mean, looks)
+        return whiten_used(scene, looks, used)
+
+    here = whiten_objects(sightings.look, sightings.valid)
+    before = whiten_objects(tracklets.look, tracklets.alive)
+    known = jnp.any(here != 0.0, axis=1)[:, None] & jnp.any(before != 0.0, axis=1)
+    return jnp.where(known, adjust_cosine(scene, dot(here, before)), LOOK_MIDDLE)
 
 
-def _log_density(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Float[Array, "N T"]:
-    """Of Student's distribution, up to a constant."""
-    tails = (TAILS + 1.0) * jnp.log1p(offset**2 / (TAILS * variance))
-    return -0.5 * (tails + jnp.log(variance))
+def _tail(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Float[Array, "N T"]:
+    """What the density of Student's distribution falls by, from its middle on, as a power of it."""
+    return 1.0 + offset**2 / (TAILS * variance)

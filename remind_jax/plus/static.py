@@ -11,6 +11,8 @@ NUM_CANDIDATES = 8  # objects that an open tracklet is compared with at length
 NAME_ROWS = 96  # rows of what is learned of confused class names; classes beyond share rows
 CLASS_ROWS = 32  # rows of what is learned class by class; classes beyond share rows
 REFRESH_FRAMES = 3  # the whitening is renewed every so many frames
+OBJECTS_BLOCK = 8  # object slots that are worked on at once
+LOOKS_BLOCK = 16  # looks that are whitened at once
 NUM_WITNESSES = 64  # other detections that one is weighed together with, the nearest of a crowd
 
 

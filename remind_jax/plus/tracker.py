@@ -73,7 +73,7 @@ from remind_jax.plus.whitening import (
     learn_scatter,
     renew_whitening,
     share_of,
-    whiten,
+    whiten_used,
 )
 from remind_jax.static import Static
 
@@ -259,9 +259,10 @@ def _recognize(
     visible = sightings.valid & (here.slot != NO_SLOT)
     holder = rows_of(tracklets.slot, tracklets.alive, static.num_objects)
     held, waiting = (holder != NO_ROW) & (holder < num), holder >= num
-    looks = jnp.stack([here.look, here.first_look])
-    white = whiten(scene, looks - class_offset(scene, here.class_id))
-    cosine = adjust_cosine(scene, best_cosine(white[0], objects))
+    looks = jnp.stack([here.look, here.first_look], axis=1)
+    looks -= class_offset(scene, here.class_id)[:, None]
+    white, white_first = jnp.moveaxis(whiten_used(scene, looks, here.alive), 1, 0)
+    cosine = adjust_cosine(scene, best_cosine(white, objects))
 
     def weigh() -> tuple[Shortlist, Weighed]:
         admitted = is_open[:, None] & objects.exists & ~held
@@ -313,7 +314,7 @@ def _recognize(
     teaches = sure & counts
     teacher = rows_of(slot, teaches, static.num_objects)
     objects, pairs = correct_map(objects, pairs, slot, teaches, teaches & ~choice.born, sightings)
-    since_first = adjust_cosine(scene, jnp.sum(white[0] * white[1], axis=1))
+    since_first = adjust_cosine(scene, jnp.sum(white * white_first, axis=1))
     scene = learn_cosines(
         scene, objects, here, sure, choice, cosine, since_first, share, state.ticks
     )
@@ -367,9 +368,16 @@ def _settle(
       ended: Others that just became an object.
       row: Which tracklet of this frame each object belongs to.
     """
-    others = jax.tree.map(lambda leaf: leaf[len(here.alive) :], tracklets)
+    num = len(here.alive)
     lost = (slot != NO_SLOT) & (row[slot] != NO_ROW)
-    others = dataclasses.replace(
-        others, alive=others.alive & ~lost, slot=slot, fresh=others.fresh | ended
+    same = ("named", "leans_new", "belief", "trust")
+    others = {
+        "alive": tracklets.alive[num:] & ~lost,
+        "slot": slot,
+        "fresh": tracklets.fresh[num:] | ended,
+    } | {name: getattr(tracklets, name)[num:] for name in same}
+    # Decisions change nothing else: what is large is not copied.
+    return dataclasses.replace(
+        tracklets,
+        **{name: jnp.concatenate([getattr(here, name), leaf]) for name, leaf in others.items()},
     )
-    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), here, others)

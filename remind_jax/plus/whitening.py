@@ -15,6 +15,7 @@ to the next, `L` rows of classes.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -23,7 +24,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.control_flow import count_up
+from remind_jax.numerics.control_flow import count_up, fill_blocks
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import name_row
@@ -31,7 +32,7 @@ from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import LEAVING, staying_of_class
 from remind_jax.plus.small_matrices import diagonal, orthonormalize, root_of_inverse
 from remind_jax.plus.state import SUMMED, Objects, Scene, Tracklets
-from remind_jax.plus.static import NAME_ROWS, REFRESH_FRAMES
+from remind_jax.plus.static import LOOKS_BLOCK, NAME_ROWS, OBJECTS_BLOCK, REFRESH_FRAMES
 
 EAGER_FRAMES = 5  # the whitening is renewed in each of the first frames
 _TINY = 1e-9
@@ -64,6 +65,14 @@ def whiten(scene: Scene, looks: Float[Array, "*any D"]) -> Float[Array, "*any E"
     differs = jnp.sum(centered**2, axis=-1, keepdims=True) > RESOLUTION**2
     centered = jnp.where(differs, centered, 0.0)
     return to_unit(jnp.einsum("...d,ed->...e", centered, scene.whitener, precision="highest"))
+
+
+def whiten_used(
+    scene: Scene, looks: Float[Array, "X *any D"], used: Bool[Array, "X"]
+) -> Float[Array, "X *any E"]:
+    """`whiten` of the rows in use; zeros, most of them, in the others."""
+    nothing = jnp.zeros((*looks.shape[:-1], len(scene.whitener)), looks.dtype)
+    return fill_blocks(lambda rows_of: whiten(scene, rows_of(looks)), used, nothing, LOOKS_BLOCK)
 
 
 def adjust_cosine(scene: Scene, cosine: Float[Array, "*any"]) -> Float[Array, "*any"]:
@@ -156,7 +165,12 @@ def renew_whitening(
         renewed = dataclasses.replace(scene, total=total, within=within)
         renewed = _refit(renewed, sightings, believed, t.looks)
         renewed = dataclasses.replace(renewed, class_offset=_offset_classes(objects, renewed, t))
-        banks = objects.bank - class_offset(renewed, objects.class_id)[:, None]
+
+        def whiten_banks(rows_of: Callable[[Array], Array]) -> Float[Array, "B K E"]:
+            offset = class_offset(renewed, rows_of(objects.class_id))[:, None]
+            kept = rows_of(objects.bank_count)[..., None] > 0
+            return jnp.where(kept, whiten(renewed, rows_of(objects.bank) - offset), 0.0)
+
         return _Whitening(
             total,
             within,
@@ -165,7 +179,7 @@ def renew_whitening(
             renewed.white_mean,
             renewed.raised,
             renewed.class_offset,
-            jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, banks), 0.0),
+            fill_blocks(whiten_banks, objects.exists, before.white_bank, OBJECTS_BLOCK),
         )
 
     # Only what is made anew is handed on, and by a loop of one turn or none: a branch would copy
@@ -285,8 +299,10 @@ def _offset_classes(objects: Objects, scene: Scene, t: th.PlusThresholds) -> Flo
 def sum_up(
     scatter: Float[Array, "D D"], recent: Float[Array, "F N D"], fade: Float[Array, "F"]
 ) -> Float[Array, "D D"]:
-    """The scatter with the frames that are not in it yet, in their order."""
-    for place in (*range(1, REFRESH_FRAMES), 0):  # the frame of a renewal is the last one
-        added = jnp.matmul(recent[place].T, recent[place], precision="highest")
-        scatter = jnp.where(fade[place] == SUMMED, scatter, scatter * fade[place] + added)
-    return scatter
+    """The scatter with the frames that are not in it yet: each fades by those after it."""
+    is_new = fade != SUMMED
+    in_order = jnp.roll(jnp.where(is_new, fade, 1.0), -1)  # the frame of a renewal is the last one
+    left = jnp.append(jnp.cumprod(in_order[:0:-1])[::-1], 1.0)
+    weight = jnp.sqrt(jnp.where(is_new, jnp.roll(left, 1), 0.0))
+    rows = (weight[:, None, None] * recent).reshape(-1, recent.shape[-1])
+    return scatter * jnp.prod(in_order) + jnp.matmul(rows.T, rows, precision="highest")

@@ -28,6 +28,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch, repeat
 from remind_jax.numerics.ranks import count_before, rank_rising
+from remind_jax.numerics.reductions import first_largest
 
 FORBIDDEN_COST = 1e6
 _NO_KEY = 2**31 - 1
@@ -193,7 +194,7 @@ def _cross(
     crossed = jnp.sum(groups.same, axis=1) > jnp.sum(groups.columns, axis=1)
     rank = count_before(groups.columns)
     drives = groups.columns & (rank == (groups.position - groups.order[_START])[:, None])
-    object_of = jnp.argmax(drives, axis=1).astype(jnp.int32)
+    object_of = first_largest(drives)
     competes = groups.same & jnp.any(drives, axis=1, keepdims=True)
     padding = ((0, 0), (0, slots - num))
     falling = num - jnp.arange(num, dtype=jnp.int32)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.numerics.control_flow import branch, count_up, in_turn, repeat
+from remind_jax.numerics.control_flow import branch, count_up, fill_blocks, in_turn, repeat
 
 
 def _choose(pred, x, y):
@@ -151,3 +151,29 @@ def test_on_other_devices_members_take_their_turns_together(monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     got = jax.vmap(_root_in_turn, (0, 0, None))(needed, x, np.float32(2))["value"]
     np.testing.assert_array_equal(got[needed], [1, 1.5625])
+
+
+def _square_used(used, values):
+    """Squares up to the last one in use, three at a time, and their running number."""
+    before = jnp.full(len(values), -1.0), jnp.full((len(values), 2), -1.0)
+
+    def make(rows_of):
+        block = rows_of(values)
+        return block**2, jnp.stack([block, rows_of(jnp.arange(1.0, 1.0 + len(values)))], axis=1)
+
+    return fill_blocks(make, used, before, 3)
+
+
+_square_all = jax.jit(jax.vmap(_square_used, (0, None)))
+
+
+@given(st.lists(st.lists(st.booleans(), min_size=7, max_size=7), min_size=2, max_size=2))
+def test_blocks_up_to_the_last_row_in_use_are_made(used):
+    used, values = np.array(used), np.arange(7, dtype=np.float32)
+    squares, pairs = _square_all(used, values)
+    for own, square, pair in zip(used, squares, pairs, strict=True):
+        stop = np.flatnonzero(own)[-1] + 1 if own.any() else 0
+        np.testing.assert_array_equal(square[:stop], values[:stop] ** 2)
+        np.testing.assert_array_equal(pair[:stop], np.stack([values, values + 1], 1)[:stop])
+    beyond = -(-(np.flatnonzero(used.any(axis=0))[-1] + 1) // 3) * 3 if used.any() else 0
+    np.testing.assert_array_equal(squares[:, beyond:], -1.0)
