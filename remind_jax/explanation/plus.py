@@ -10,7 +10,6 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import cast
 
-import jax
 import numpy as np
 from jaxtyping import Array, Int
 
@@ -18,6 +17,7 @@ from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.explanation.archive import first_rows
 from remind_jax.explanation.explainer import Explainer
 from remind_jax.explanation.explanation import Explanation, Section, id_or_none
+from remind_jax.numerics.pytree import pytree
 from remind_jax.plus.answers import SMALL
 from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.thresholds import PlusThresholds
@@ -84,8 +84,7 @@ class PlusExplanation(Explanation):
         yield Section("candidates, evidence in log odds", (), heads, tuple(rows), ends)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PlusRecord:
     """What the decisions of one frame were made of; NumPy arrays without padding rows."""
 

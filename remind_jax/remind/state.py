@@ -20,6 +20,7 @@ from remind_jax.errors import ConfigError
 from remind_jax.method import extend
 from remind_jax.numerics.absent import NEVER, NO_ID
 from remind_jax.numerics.constant_arrays import full, number
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.memory.cooccurrence import (
     CooccurrenceGraph,
     empty_cooccurrence,
@@ -36,8 +37,7 @@ NUM_RINGS = 2
 BANKS = ("wholes", "parts", "ring_prototypes")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class TrackerState:
     """Everything that one frame hands to the next, and the decisions of the last frame."""
 

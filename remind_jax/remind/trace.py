@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import term_weights
@@ -33,8 +34,7 @@ from remind_jax.remind.undecided.temporal import PairTable, temporal_score
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class CandidateTrace:
     """Known objects that a detection was compared with, by falling visual score.
 
@@ -59,8 +59,7 @@ class CandidateTrace:
     backed: Bool[Array, "N C"]  # clearly backed by context
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PassTrace:
     """Each pass of the reconciliation: who was undecided, and what the layout decided."""
 
@@ -82,8 +81,7 @@ class PassTrace:
     num_remembered: Int[Array, "N R K A"]  # episodes; 0: never seen together
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class DetectionTrace:
     """What was known about each detection besides its `Decisions`."""
 
@@ -94,8 +92,7 @@ class DetectionTrace:
     passes: PassTrace
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class SetTrace:
     """Sets of objects that may be in view together, the most believable first."""
 
@@ -106,8 +103,7 @@ class SetTrace:
     valid: Bool[Array, "H"]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class ContextTrace:
     """The context of the frame as a whole."""
 
@@ -116,8 +112,7 @@ class ContextTrace:
     usable: Bool[Array, ""]  # good enough to reward and to punish
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Trace:
     """What the decisions of one frame were made of."""
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
-import jax
 from jaxtyping import Array, Bool
 
 from remind_jax.decision import Decisions, Outcome
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import Descriptors, FrameFeats, Masks, without_coverage
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
@@ -31,8 +30,7 @@ from remind_jax.static import Static
 __all__ = ["decide", "describe_frame", "init"]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class DescribedFrame:
     """What `decide` is given."""
 

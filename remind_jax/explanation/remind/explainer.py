@@ -26,6 +26,7 @@ from remind_jax.explanation.remind.explanation import (
     Voter,
 )
 from remind_jax.explanation.remind.reasons import give_reasons
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.disambiguation.joint_assignments import GroupStatus
 from remind_jax.remind.stages import Lock, MatchOrigin, Stages
 from remind_jax.remind.thresholds import Thresholds
@@ -40,8 +41,7 @@ from remind_jax.remind.trace import (
 from remind_jax.tracks import Tracks, title_of
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class FrameRecord:
     """Everything known about the decisions of one frame; NumPy arrays without padding rows."""
 

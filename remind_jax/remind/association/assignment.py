@@ -5,13 +5,11 @@ Rules: method.md#locks, method.md#joint-assignment.
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.remind.association.diagnosis import (
     Evidence,
@@ -30,8 +28,7 @@ from remind_jax.solvers.greedy import assign_greedily
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Assignment:
     """Object slot of every detection."""
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.pooling import dot
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.slices import spread_over_batch, take_slice
 from remind_jax.observation import Descriptors
 from remind_jax.remind.memory.prototypes import STABLE, Bank, confidence, mean_quality
@@ -24,8 +25,7 @@ from remind_jax.static import Static
 _SLOTS_AT_ONCE = 4
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Score:
     """Values in [0, 1] with their presence."""
 
@@ -33,8 +33,7 @@ class Score:
     present: Bool[Array, "..."]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class ChannelScores:
     """Every channel against the banks; the first axis is that of the two, work and stable."""
 

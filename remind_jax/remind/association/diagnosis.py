@@ -5,14 +5,13 @@ Rules: method.md#reliable-anchors, method.md#status.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Literal
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Status
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
@@ -23,8 +22,7 @@ _EPS = 1e-6
 _TINY = 1e-12
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Evidence:
     """Diagnosis of every detection over a set of its candidates."""
 

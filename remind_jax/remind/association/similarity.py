@@ -9,7 +9,6 @@ Letters: `N` detections, `O` objects, `A C R` channels, `T` terms.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Literal
 
@@ -19,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.columns import columns
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.channel_scores import ChannelScores, Score, compare_channels
@@ -36,8 +36,7 @@ _NO_WEIGHT = 1e-12  # at most
 Rule = Literal["work", "stable", "prefer_stable", "max"]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Terms:
     """The scores of each pair by term, and how proven the object evidence is."""
 
@@ -56,8 +55,7 @@ _WAYS: tuple[tuple[Rule, ...], ...] = (
 )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Comparison:
     """Visual evidence between detections and objects."""
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import count_before, order_rising
 from remind_jax.remind.context.chunks import by_chunks
 from remind_jax.remind.context.evidence import FrameView, Links
@@ -44,8 +45,7 @@ from remind_jax.remind.thresholds.context import Sets
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Children:
     """The rows of the next beam, by their parent and what they chose."""
 
@@ -137,8 +137,7 @@ def number_sets(
     return jnp.where(child.valid, number[first], 0), origin, num_sets
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Beam:
     """Partial hypotheses in the order in which they are expanded.
 

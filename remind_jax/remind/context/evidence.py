@@ -5,12 +5,11 @@ Rules: method.md#conditional-probability, method.md#maturity.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.memory.cooccurrence import CooccurrenceGraph, conditional
 from remind_jax.remind.state import TrackerState
@@ -21,8 +20,7 @@ from remind_jax.static import Static
 ROUNDED_OBJECTS = 160  # up to so many in question, link strengths have float32 precision
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class FrameView:
     """What the context reads: the memory before the frame, and what is in view."""
 
@@ -58,8 +56,7 @@ def view_frame(
     )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Links:
     """Ties between objects, both directions joined."""
 

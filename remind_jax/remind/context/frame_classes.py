@@ -8,14 +8,13 @@ Letters: `N` detections, `O` objects, `C` classes in view (at most `N`), `K` det
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import order_rising
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.context.evidence import FrameView, maturity
@@ -25,8 +24,7 @@ from remind_jax.static import Static
 _LAST = jnp.iinfo(jnp.int32).max
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class FrameClasses:
     """Known classes of the frame, those of few objects first; other rows are empty."""
 

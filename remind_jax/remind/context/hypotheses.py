@@ -7,13 +7,12 @@ explain some detections of the class by some of its objects. Letters: `H` hypoth
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import count_up
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.context.beam import Beam, empty_beam, expand_by_class
 from remind_jax.remind.context.evidence import FrameView, join_links
 from remind_jax.remind.context.frame_classes import group_by_class
@@ -22,8 +21,7 @@ from remind_jax.remind.thresholds.context import Sets
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Hypotheses:
     """Sets of objects that may be in view, the most believable first."""
 

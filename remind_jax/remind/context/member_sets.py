@@ -10,13 +10,11 @@ newcomers, `O` object slots, `B` sets.
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide, sum_in_order
 from remind_jax.remind.context.evidence import Links
 from remind_jax.remind.thresholds.context import Sets
@@ -26,8 +24,7 @@ _NO_PATH = -1.0  # below every link
 _FLOOR = 1e-12  # of a maturity, before powers are taken
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class MemberSet:
     """One set of objects."""
 
@@ -37,8 +34,7 @@ class MemberSet:
     path: Float[Array, "M M"]  # strength of the best path between two members, by entry
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class LinkCounts:
     """Who in a set has been seen with whom in it, any leading shape."""
 

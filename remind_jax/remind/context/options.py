@@ -8,7 +8,6 @@ detections, or replaces the last. Letters: `W` sets of the beam, `K` most detect
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import jax
@@ -17,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide, sum_in_order
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.thresholds.context import Sets
@@ -27,8 +27,7 @@ _SLACK = 1e-12
 _DISTINCT = 1e-15
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Menu:
     """The choices that a class offers to every set; `k` counts from 0 to `K`."""
 
@@ -38,8 +37,7 @@ class Menu:
     info: Float[Array, "C"]  # (0, 1], low where many choices of k exist
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Options:
     """The choices of one class as the sets of the beam see them."""
 

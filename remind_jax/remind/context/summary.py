@@ -8,12 +8,11 @@ need no numbering. Letters: `O` objects, `H` hypotheses.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
@@ -25,8 +24,7 @@ from remind_jax.static import Static
 _TINY = 1e-12
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Context:
     """How the context sees each object, how decided its class is, and the frame as a whole."""
 

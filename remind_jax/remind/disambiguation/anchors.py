@@ -8,13 +8,12 @@ detections and `U` candidates of a group.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
@@ -38,8 +37,7 @@ SINGLE_EDGE = 0.50
 FEWEST_ANCHORS = 2
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Voters:
     """Objects of this frame that may serve as anchors: decided ones, then likely ones.
 
@@ -52,8 +50,7 @@ class Voters:
     factor: Float[Array, "V"]  # 1 if decided, less for likely objects
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Group:
     """One group of entries; both lists are ascending and padded."""
 
@@ -66,8 +63,7 @@ class Group:
     allowed: Bool[Array, "G U"]  # candidates of each detection
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Anchors:
     """Anchors of one group by falling usefulness; an object occurs once."""
 

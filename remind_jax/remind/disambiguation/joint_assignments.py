@@ -8,7 +8,6 @@ of detections, `A` anchors.
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 import functools
 import itertools
@@ -20,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.errors import ConfigError
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.disambiguation.anchors import Anchors, Group
 from remind_jax.remind.disambiguation.distance_evidence import (
@@ -55,8 +55,7 @@ class GroupStatus(enum.IntEnum):
     PARTIAL_RESOLVED = 10  # accepted whole as well, with a small lead
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class AssignmentScores:
     """Worth of every joint assignment, in the order of a depth-first search."""
 
@@ -67,8 +66,7 @@ class AssignmentScores:
     evidence: Float[Array, "R"]  # summed weight of the anchors
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Solution:
     """The best joint assignment of a group and whether it is accepted."""
 

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import count_before
 from remind_jax.numerics.reductions import Kind, reduce_together
 from remind_jax.remind.association.gating import Pairs
@@ -46,8 +47,7 @@ from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class GroupOutcome:
     """What became of each group; one row per detection, used by the root of a group.
 
@@ -62,8 +62,7 @@ class GroupOutcome:
     anchor_place: Int[Array, "N A"]  # detection whose geometry each of them has
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Settled:
     """Entries after one pass of the disambiguation."""
 

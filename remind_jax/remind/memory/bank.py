@@ -26,6 +26,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.remind.memory.bank_room import make_room, merge_entries
 from remind_jax.remind.memory.prototypes import (
@@ -51,8 +52,7 @@ from remind_jax.remind.memory.prototypes import (
 _FIRST = 0  # the entry that is longest in a bank
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Permit:
     """What an update may do to a bank (method.md#update-permit)."""
 
@@ -60,8 +60,7 @@ class Permit:
     rate: Float[Array, ""]  # share of the step, [0, 1]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Refresh:
     """How a prototype follows an observation that it resembles."""
 
@@ -74,8 +73,7 @@ class Refresh:
     by_quality: Any = (False, False)  # the step is the quality, whatever the cosine
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Room:
     """How a full bank makes room."""
 
@@ -84,8 +82,7 @@ class Room:
     redundant: Any  # give up redundant prototypes, else the least recently seen
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Channel:
     """All that differs between the channels: numbers and flags, or pairs for work and stable bank.
 
@@ -168,8 +165,7 @@ def observe_several(
     return jax.lax.scan(show, (banks, used), (vector, present))[0][0]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class _Observation:
     """One observation that is shown to the two banks of an object."""
 
@@ -228,8 +224,7 @@ def _over_banks(function: Callable, axes: Sequence[tuple], out_axes: Any) -> Cal
     return jax.vmap(jax.vmap(function, of_detections, out_axes), of_channels, out_axes)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class _Met:
     """The prototypes that one observation resembles, in the work and in the stable bank."""
 

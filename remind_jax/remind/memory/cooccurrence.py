@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest, rank_rising
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
@@ -31,8 +32,7 @@ from remind_jax.static import Static
 _TINY = 1e-12
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class CooccurrenceGraph:
     """Episodes of every object and its edges to others (method.md#episodes)."""
 
@@ -47,8 +47,7 @@ class CooccurrenceGraph:
     edge_order: Int[Array, "O O"]  # rises in the order in which the edges were made
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Sightings:
     """Which objects a frame shows, each by one detection."""
 

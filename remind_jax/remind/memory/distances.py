@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.memory.cooccurrence import Sightings
 from remind_jax.remind.memory.writing import write_rows
@@ -28,8 +29,7 @@ from remind_jax.remind.thresholds.relations import Relations as Rules
 PENDING_SLOTS = 3  # a forced episode comes before a fourth relation (method.md#pending-relations)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PendingRelations:
     """Relations since the last episode, the newest K of them, in no order.
 
@@ -51,8 +51,7 @@ class PendingRelations:
         return self.kind >= len(Contact)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Edges:
     """What objects know of single others; means run over episodes (method.md#distance-evidence)."""
 
@@ -68,8 +67,7 @@ class Edges:
         return jnp.sum(self.contact_count, axis=-1, dtype=jnp.int32)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class DistanceGraph:
     """Distances around every object (method.md#distance-episodes).
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import count_before
 from remind_jax.remind.memory.writing import find_writers, write_column
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
@@ -24,8 +25,7 @@ class Lifecycle(enum.IntEnum):
     INACTIVE = 3
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Objects:
     """One row per remembered object."""
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import enum
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -18,6 +17,7 @@ from remind_jax.decision import NUM_OPTIONS
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import count_before
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.memory.writing import find_writers, write_column
@@ -35,8 +35,7 @@ class Kind(enum.IntEnum):
     PROVISIONAL = 2  # new, or a known object after all
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Items:
     """Undecided detections of a frame, as rows of `PendingTracks`."""
 
@@ -73,8 +72,7 @@ class Items:
         )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PendingTracks(Items):
     """One row per pending track; ids count up separately for each kind."""
 

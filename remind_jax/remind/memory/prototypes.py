@@ -20,6 +20,7 @@ from remind_jax.numerics.columns import columns
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import first_largest, largest
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
@@ -32,8 +33,7 @@ WORK, STABLE = 0, 1  # fresh prototypes, and those that proved themselves
 _QUALITY_RATE_MIN, _QUALITY_RATE_MAX = 0.08, 0.30
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Bank:
     """Prototypes of one kind, oldest first; leading axes are banks, channels and objects."""
 
@@ -170,8 +170,7 @@ def new_entry(vector: Float[Array, "D"], quality: Float[Array, ""], now: Int[Arr
     return Bank(vector, count(one, now.astype(jnp.int32), one), columns(quality, quality), one)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Edit:
     """What happens to the prototypes of a bank: one is replaced, then one taken out."""
 

@@ -9,7 +9,6 @@ Letters: `N` detections, `R` rows.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from typing import Any, TypeVar
 
@@ -19,13 +18,13 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
 from remind_jax.numerics.control_flow import count_up
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.slices import give_axis
 
 T = TypeVar("T")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Writers:
     """Who writes each row."""
 

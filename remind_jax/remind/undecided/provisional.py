@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason, Status
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import rank_rising
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.association.diagnosis import admit_by_status, rank_two
@@ -26,8 +27,7 @@ from remind_jax.remind.undecided.temporal import (
 )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Doubts:
     """Unmatched detections that may be known after all."""
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment
@@ -29,8 +30,7 @@ from remind_jax.remind.undecided.temporal import PairTable, prefer
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Settlement:
     """The verdict on every detection; ambiguous and provisional outrank matched and new."""
 
@@ -104,8 +104,7 @@ def settle(
     )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class _Open:
     """What the passes of the reconciliation hand on."""
 

@@ -10,7 +10,6 @@ of a small component, `Q = 24` its assignments.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 
 import jax
@@ -21,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import first_largest, largest
 from remind_jax.numerics.reductions import connect, pick_in_rows, reduce_together
 from remind_jax.remind.association.gating import Gate
@@ -33,8 +33,7 @@ _ORDERS = np.array(list(itertools.permutations(range(MAX_MEMBERS))), np.int32)
 _TURNS = MAX_MEMBERS ** np.arange(MAX_MEMBERS - 1, -1, -1, dtype=np.int32)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Stabilized:
     """Matches after the guard."""
 
@@ -44,8 +43,7 @@ class Stabilized:
     root: Int[Array, "N"]  # first detection of its group of look-alikes, N for none
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class _Components:
     """Groups of matched detections that could swap objects."""
 

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import NUM_OPTIONS, Status
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.association.gating import Pairs
@@ -26,8 +27,7 @@ PLAUSIBLE, CANDIDATES, SUPPORTED = 0, 1, 2
 _TINY = 1e-12
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PairTable:
     """All that the rules may ask about the pairs of a frame."""
 
