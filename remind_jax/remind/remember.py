@@ -213,10 +213,7 @@ def _decided_rank(
 def gate_updates(
     decisions: Decisions, stages: Stages, t: Thresholds
 ) -> tuple[Bool[Array, "N"], Permit]:
-    """How freely each detection may change memory; new objects always may.
-
-    Rule: method.md#update-permit.
-    """
+    """How freely each detection changes memory; new ones always may (method.md#update-permit)."""
     status = stages.status_final
     gated = t.update.gated & (decisions.outcome == Outcome.MATCH)
     weak, ambiguous = status == Status.WEAK, status == Status.AMBIGUOUS

@@ -1,7 +1,4 @@
-"""Who is who, jointly: locks of clear wins, then one assignment.
-
-Rules: method.md#locks, method.md#joint-assignment.
-"""
+"""Who is who, jointly: clear wins first (method.md#locks, method.md#joint-assignment)."""
 
 from __future__ import annotations
 
@@ -112,10 +109,7 @@ def lock_pairs(
 
 
 def dummy_scores(evidence: Evidence, t: Matching) -> Float[Array, "N"]:
-    """Score of leaving a detection without an object; uncertain ones give way.
-
-    Rule: method.md#dummy-columns.
-    """
+    """Score of staying without an object; uncertain ones give way (method.md#dummy-columns)."""
     base = jnp.clip(t.dummy_score, 0.0, 1.0)
     doubt = 1.0 - jnp.clip(evidence.confidence, 0.0, 1.0)
     scaled = jnp.clip(base + t.dummy_confidence_gain * doubt, 0.0, t.dummy_cap)

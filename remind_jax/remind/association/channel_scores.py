@@ -83,10 +83,7 @@ def _best_of_bank(
     seen: Bool[Array, "C N"],
     promote_hits: Int[Array, ""],
 ) -> tuple[Score, Float[Array, "... C N O"]]:
-    """Best cosine per object, clamped at 0, and the authority of the winner.
-
-    Rule: method.md#channel-scores.
-    """
+    """Best cosine per object, at least 0, and the authority of its winner."""
     best, winner = _find_nearest(bank, vectors)
     present = seen[..., None] & (best > -1.0)
     quality = jnp.clip(jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)

@@ -33,10 +33,7 @@ def ramp(x: Array, low: Array, high: Array) -> Array:
 
 
 def assess(descriptors: Descriptors, t: Similarity) -> Quality:
-    """Rates object, background and parts of every detection.
-
-    Rules: method.md#observation-quality, method.md#term-weights.
-    """
+    """Rates what each detection shows (method.md#observation-quality, method.md#term-weights)."""
     support = descriptors.patch_sum
     count = descriptors.num_patches.astype(support.dtype)
     density = jnp.where(count > 1e-12, jnp.clip(support / jnp.maximum(count, 1.0), 0, 1), 1.0)

@@ -1,6 +1,4 @@
-"""How similar is each detection to each object? (paper III-E).
-
-Rules: method.md#channel-scores, method.md#visual-score.
+"""How similar are detections and objects? (method.md#channel-scores, method.md#visual-score).
 
 Scores of channels are collapsed to four terms, and the terms averaged by weights that carry the
 quality of the observation. An absent value is not zero: presence travels beside every score.
@@ -75,10 +73,7 @@ def compare(
     static: Static,
     thresholds: Thresholds,
 ) -> Comparison:
-    """Scores every detection against every object of its class, and against undecided tracks.
-
-    Rule: method.md#candidates.
-    """
+    """Scores every detection against objects and undecided tracks (method.md#candidates)."""
     objects, t = state.objects, thresholds.similarity
     slots = objects.id.shape[0]
     candidate = descriptors.valid[:, None] & objects.exists[None]
@@ -122,10 +117,7 @@ def _choose_way(values: Shaped[Array, "V *B"], taken: Int[Array, "*B"]) -> Shape
 def comparable_score(
     comparison: Comparison, members: Bool[Array, "N O"], t: Similarity
 ) -> Float[Array, "N O"]:
-    """Score on the evidence that all members of a set have, so that it can be compared.
-
-    Rule: method.md#comparable-score.
-    """
+    """Score on the evidence that all members of a set have (method.md#comparable-score)."""
     neutral = comparison.neutral
     common = jnp.all(neutral.present | ~members, axis=-1, keepdims=True)
     score = weighted_mean(neutral.value, neutral.present & common, comparison.neutral_weights, t)
@@ -143,9 +135,7 @@ def count_terms(comparison: Comparison) -> Int[Array, "N"]:
 def collapse(
     channels: ChannelScores, ways: Sequence[Sequence[Rule]], static: Static, t: Similarity
 ) -> Terms:
-    """Reduces work and stable bank, then the channels, to the three terms, in several ways at once.
-
-    Rule: method.md#visual-score.
+    """Reduces the banks, then the channels, to terms, in several ways (method.md#visual-score).
 
     Args:
       ways: For each way, the rule of each term: OBJECT, BACKGROUND, PARTS, RING_PROTOTYPES.
@@ -250,10 +240,7 @@ def weighted_mean(
     weights: Float[Array, "T N #O"],
     t: Similarity,
 ) -> Float[Array, "N O"]:
-    """One score from the present terms of positive nominal weight.
-
-    Rules: method.md#visual-score, method.md#first-view.
-    """
+    """One score of the terms that count (method.md#visual-score, method.md#first-view)."""
     nominal = (t.object_weight, t.background_weight, t.parts_weight, t.ring_prototypes_weight)
     terms = range(len(value))
     # Term by term, so that nothing but the mean is written down.

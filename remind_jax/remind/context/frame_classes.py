@@ -1,6 +1,4 @@
-"""The classes in view with the detections and objects that stand for them.
-
-Rule: method.md#frame-classes.
+"""The classes in view, with their detections and objects (method.md#frame-classes).
 
 Letters: `N` detections, `O` objects, `C` classes in view (at most `N`), `K` detections per class,
 `L` objects per class and one empty place.

@@ -1,6 +1,4 @@
-"""Every choice of objects that the sets of a beam can make.
-
-Rules: method.md#beam-search, method.md#member-sets.
+"""Every choice of objects that sets can make (method.md#beam-search, method.md#member-sets).
 
 Letters: `W` sets, `K` most detections per class, `C = K + 1` counts, `O` objects, `M` most members
 of a set. A choice is a count of objects, 0 to `K`, and a variant.

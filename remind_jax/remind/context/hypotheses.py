@@ -73,10 +73,7 @@ def find_hypotheses(view: FrameView, static: Static, t: Sets) -> Hypotheses:
 def _best_of_beam(
     beam: Beam, scale: FrameScale, searched: Bool[Array, ""], static: Static, t: Sets
 ) -> Hypotheses:
-    """The best complete sets; no two rows agree in members and detections.
-
-    Rule: method.md#kept-hypotheses.
-    """
+    """The best complete sets, no two the same (method.md#kept-hypotheses)."""
     score, size = beam.rating.score[beam.set_of], beam.sets.size[beam.set_of]
     valid = beam.valid & searched & (score >= t.min_set_score)
     valid = valid & ((scale.num_detections <= 1) | (size >= 2))

@@ -1,7 +1,4 @@
-"""What the context adds to or takes from every object as a candidate.
-
-Rule: method.md#cooccurrence-bonus.
-"""
+"""What the context adds to or takes from a candidate (method.md#cooccurrence-bonus)."""
 
 from __future__ import annotations
 

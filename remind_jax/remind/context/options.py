@@ -79,9 +79,7 @@ def support_by_kernel(
     static: Static,
     t: Sets,
 ) -> tuple[Float[Array, "W L"], Bool[Array, "W"]]:
-    """Mean conditional probability of each object of a class, given the kernel of a set.
-
-    Rule: method.md#kernel-support.
+    """Mean conditional probability of objects, given the kernel (method.md#kernel-support).
 
     The kernel is the anchors and, while there is room, the members of the set. Members of the
     kernel that do not speak for an object are left out of its mean.

@@ -52,10 +52,7 @@ class FrameScale:
 
 
 def tally_choices(rating: Rating, options: Options, menu: Menu) -> Rating:
-    """The sums of every set after every choice of objects `[W, K+1, 2]`; the rest is yet to rate.
-
-    Rule: method.md#beam-search.
-    """
+    """Sums of sets after every choice `[W, K+1, 2]`; the rest is yet to rate."""
     row = lambda leaf: leaf[:, None, None]  # noqa: E731
     count = jnp.arange(menu.info.shape[0])
     some = (count > 0)[:, None]

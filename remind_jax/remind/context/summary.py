@@ -1,6 +1,4 @@
-"""What the hypotheses say about every class and about the frame.
-
-Rules: method.md#hypothesis-summary, method.md#class-summary.
+"""What hypotheses say of classes (method.md#hypothesis-summary, method.md#class-summary).
 
 A class summary is kept per object: every object carries the values of its class, so that classes
 need no numbering. Letters: `O` objects, `H` hypotheses.

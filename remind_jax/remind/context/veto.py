@@ -112,10 +112,7 @@ def _contradicts_neighbors(
     episodes: Int[Array, "O"],
     t: Rules,
 ) -> Bool[Array, "N O"]:
-    """Pairs whose object expects neighbors of which (nearly) none is in view.
-
-    Rule: method.md#veto.
-    """
+    """Pairs whose object expects neighbors of which (nearly) none is in view."""
     scalar = quality.dtype
     num_expected = jnp.sum(expected, axis=1, dtype=jnp.int32)
     num_seen = jnp.sum(seen, axis=1, dtype=jnp.int32)

@@ -127,10 +127,7 @@ def choose_anchors(
     static: Static,
     t: KnownSets,
 ) -> Anchors:
-    """The voters that separate the candidates of a group most clearly.
-
-    Rule: method.md#voter-selection.
-    """
+    """The voters that separate the candidates most clearly (method.md#voter-selection)."""
     inside = group.is_candidate & (group.candidate == voters.slot[:, None])
     valid = voters.valid & ~jnp.any(inside, axis=1)
     score = jnp.where(valid, quality * voters.factor, -jnp.inf)
@@ -167,9 +164,7 @@ def rate_anchors(
     relations: Relations,
     t: KnownSets,
 ) -> Float[Array, "V"]:
-    """How well each voter separates the group, by history and in this frame.
-
-    Rule: method.md#voter-usefulness.
+    """How well each voter separates the group, before and now (method.md#voter-usefulness).
 
     Args:
       edges: From each candidate to each voter, `[U, V]`.

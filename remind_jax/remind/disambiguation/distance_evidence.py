@@ -55,10 +55,7 @@ def rate_reliability(count: Int[Array, "..."], scalar: jnp.dtype) -> Float[Array
 def rate_difference(
     value: Float[Array, "..."], reference: Array | float, t: KnownSets
 ) -> Float[Array, "..."]:
-    """How clearly two distances differ that are `value` apart, [0, 1).
-
-    Rule: method.md#voter-usefulness.
-    """
+    """How clear a difference of distances is, [0, 1) (method.md#voter-usefulness)."""
     scaled = divide(jnp.maximum(0.0, value), jnp.maximum(_TINY_REF, reference * t.strength_scale))
     return (1.0 - jnp.exp(-scaled)) ** t.strength_power
 

@@ -1,4 +1,4 @@
-"""Which undecided detections belong together, and which groups are closed?.
+"""Which undecided detections belong together, and which groups are closed?
 
 Rules: method.md#undecided-groups, method.md#closed-groups.
 

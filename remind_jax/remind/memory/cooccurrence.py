@@ -1,6 +1,4 @@
-"""Who is seen with whom: every object counts the others around it (paper III-D).
-
-Rule: method.md#episodes.
+"""Who is seen with whom: every object counts the others around it (method.md#episodes).
 
 Objects count episodes, not frames: an episode is a sighting in new surroundings, or after some
 time in the same ones. Letters: `N` detections, `O` object slots;
@@ -111,9 +109,7 @@ def update_cooccurrence(
     static: Static,
     t: Rules,
 ) -> tuple[CooccurrenceGraph, Bool[Array, "N"]]:
-    """Lets every visible object decide whether this frame is an episode.
-
-    Rules: method.md#episodes, method.md#neighbor-order.
+    """Lets objects in view decide on an episode (method.md#episodes, method.md#neighbor-order).
 
     Args:
       ids: Ids of the objects, which break ties (method.md#set-order).
@@ -138,10 +134,7 @@ def _decide_episodes(
     frame: Int[Array, ""],
     t: Rules,
 ) -> tuple[CooccurrenceGraph, Bool[Array, "O"]]:
-    """Episode logic of the allowed objects; a forced episode keeps what is pending.
-
-    Rule: method.md#episodes.
-    """
+    """Episodes of the allowed objects; a forced one keeps what is pending (method.md#episodes)."""
     first = graph.episodes == 0
     forced = (t.force_frames > 0) & ~first & (frame - graph.last_episode >= t.force_frames)
     common, union, again = reduce_together(
@@ -177,10 +170,7 @@ def _entry_order(
     sightings: Sightings,
     ids: Int[Array, "O"],
 ) -> Int[Array, "O O"]:
-    """Rises in the order in which the edges of an episode are made, that of a set.
-
-    Rule: method.md#set-order.
-    """
+    """Order in which an episode makes its edges, that of a set (method.md#set-order)."""
     num, slots = sightings.row.shape[0], hit.shape[0]
     others = jnp.sum(sightings.visible, dtype=jnp.int32) - 1
     several = jnp.sum(hit & (graph.count == 0), axis=1) > 1
@@ -250,10 +240,7 @@ def _trim(graph: CooccurrenceGraph, sightings: Sightings, static: Static) -> Coo
 
 
 def rank_neighbors(graph: CooccurrenceGraph, by: Literal["weight", "recent"]) -> Int[Array, "R O"]:
-    """Position of every neighbor, the strongest or latest first; O where there is no edge.
-
-    Rule: method.md#neighbor-order.
-    """
+    """Position of every neighbor, O where there is no edge (method.md#neighbor-order)."""
     known = graph.count > 0
     keys = {"weight": (-graph.weight, -graph.edge_time), "recent": (-graph.edge_time,)}
     rank = rank_rising([~known, *keys[by], graph.edge_order])
@@ -272,9 +259,7 @@ def ranked_neighbors(
 def conditional(
     graph: CooccurrenceGraph, num_objects: Int[Array, ""], t: Rules
 ) -> Float[Array, "O O"]:
-    """Smoothed probability P[i, j] of seeing j in an episode of i, [0, 1].
-
-    Rule: method.md#conditional-probability.
+    """Smoothed P[i, j] of seeing j in an episode of i (method.md#conditional-probability).
 
     Pairs never seen together have a share, too, and so has an object with itself.
 

@@ -1,6 +1,4 @@
-"""How far apart objects are: running means per pair and per three (paper III-D).
-
-Rule: method.md#distance-episodes.
+"""How far apart objects are: means by pair and by three (method.md#distance-episodes).
 
 Between two episodes an object collects its relations to the others in view; an episode condenses
 them to one value each, by medians in float32. Letters: `N`
@@ -176,10 +174,7 @@ class _Episode:
 
 
 def _condense(pending: PendingRelations) -> _Episode:
-    """Medians, mean and most frequent contact of the pending relations.
-
-    Rule: method.md#distance-episodes.
-    """
+    """Medians, mean and usual contact of pending relations (method.md#distance-episodes)."""
     slots = pending.kind.shape[-1]
     live = jnp.arange(slots) < pending.count[..., None]
     size = jnp.clip(pending.count, 1, slots).astype(jnp.float32)

@@ -108,10 +108,7 @@ def join_tracks(
     *,
     solver: str,
 ) -> Int[Array, "N"]:
-    """Finds the track that each undecided detection continues, -1 for none.
-
-    Rule: method.md#pending-joins.
-    """
+    """Track that each undecided detection continues, -1 for none (method.md#pending-joins)."""
     affinity, valid, same = _affinity(tracks, items, visual, rules)
     # Non-items form a group of their own that has no allowed pair.
     waiting = items.kind != Kind.FREE

@@ -277,10 +277,7 @@ def similarity_rate(
     high: Float[Array, ""],
     scale: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Step of a similarity-gated update: none in the margin, then from `low` to `high`.
-
-    Rule: method.md#similarity-step.
-    """
+    """Step by similarity: none in the margin, then low to high (method.md#similarity-step)."""
     low, high = jnp.clip(low, 0.0, 1.0), jnp.clip(high, 0.0, 1.0)
     low, high = jnp.minimum(low, high), jnp.maximum(low, high)
     gate = duplicate + margin

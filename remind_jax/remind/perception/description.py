@@ -21,9 +21,7 @@ from remind_jax.static import Static
 def describe(
     frame_feats: FrameFeats, masks: Masks, static: Static, thresholds: Thresholds
 ) -> Descriptors:
-    """Describes every detection by its appearance, its parts and its background.
-
-    Rules: method.md#patch-coverage, method.md#object-descriptors.
+    """Describes every detection (method.md#patch-coverage, method.md#object-descriptors).
 
     Patches with a feature that is not finite are left out everywhere; a detection that loses all
     its patches is not valid. One that never covered a patch is, without any descriptor

@@ -1,6 +1,5 @@
-"""Parts of a detection: clusters of its patches, and what attention holds together.
+"""Parts of a detection (method.md#k-means-parts, method.md#attention-parts).
 
-Rules: method.md#k-means-parts, method.md#attention-parts.
 Letters: `N` detections, `P` patches, `K` clusters, `D` dimensions.
 """
 

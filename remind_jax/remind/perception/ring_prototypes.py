@@ -1,6 +1,4 @@
-"""Typical patches of each background ring: clusters, joined where alike.
-
-Rule: method.md#ring-prototypes.
+"""Typical patches of each ring: clusters, joined where alike (method.md#ring-prototypes).
 
 Letters: `N` detections, `R = 2` rings (inner, outer), `P` patches, `K` clusters, `M` prototypes
 kept, `D` dimensions.

@@ -120,10 +120,7 @@ class Sets:
 
 @pytree
 class Influence:
-    """What the context adds to or takes from a candidate.
-
-    Rules: method.md#class-summary, method.md#cooccurrence-bonus.
-    """
+    """What context adds or takes (method.md#class-summary, method.md#cooccurrence-bonus)."""
 
     enabled: Gate = setting(True, "context at all; off also stops rescue and vetoes",
         key=f"{_I}.enabled")

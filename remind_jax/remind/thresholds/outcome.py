@@ -64,10 +64,7 @@ class Competition:
 
 @pytree
 class Ambiguous:
-    """When a detection could be one of several known objects.
-
-    Rules: method.md#plausible-score, method.md#ambiguity.
-    """
+    """When it could be one of several (method.md#plausible-score, method.md#ambiguity)."""
 
     enabled: Gate = setting(True, "detections may stay undecided between known objects",
         key=f"{_A}.enabled")
@@ -125,10 +122,7 @@ class Ambiguous:
 
 @pytree
 class Provisional:
-    """When an unmatched detection may still be a known object.
-
-    Rules: method.md#plausible-score, method.md#provisional.
-    """
+    """When it may still be known (method.md#plausible-score, method.md#provisional)."""
 
     enabled: Gate = setting(True, "unmatched detections may stay provisional", key=f"{_P}.enabled")
     min_top: Real = setting(0.60, "least score of the best supported object", "score",
@@ -172,10 +166,7 @@ class Provisional:
 
 @pytree
 class Pending:
-    """How undecided detections of successive frames are joined to tracks.
-
-    Rule: method.md#pending-tracks.
-    """
+    """How undecided detections are joined to tracks (method.md#pending-tracks)."""
 
     ambiguous_enabled: Gate = setting(True, "remember ambiguous detections", key=f"{_U}.enabled")
     ambiguous_matching: Gate = setting(True, "and join them over time",

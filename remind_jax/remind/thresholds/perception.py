@@ -107,9 +107,7 @@ class AttentionParts:
 
 @pytree
 class RingPrototypes:
-    """How rings are split, remembered and compared.
-
-    Rules: method.md#ring-prototypes, method.md#ring-prototype-learning.
+    """Rings in patches (method.md#ring-prototypes, method.md#ring-prototype-learning).
 
     Only with `static.ring_prototypes`; what is not here follows `background` and `similarity`.
     """

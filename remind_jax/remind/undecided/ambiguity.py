@@ -142,10 +142,7 @@ def _conflict_entries(
     best: Int[Array, "N 2"],
     score: Float[Array, "N O"],
 ) -> Undecided:
-    """An unsupported match with the best of its close rivals: ambiguous at once.
-
-    Rule: method.md#ambiguity.
-    """
+    """An unsupported match and its best close rivals: ambiguous at once (method.md#ambiguity)."""
     match = jnp.argmax(mine, axis=1).astype(jnp.int32)
     slots = jnp.concatenate([match[:, None], best], axis=1)
     scores = jnp.take_along_axis(score, jnp.maximum(slots, 0), axis=1)

@@ -170,10 +170,7 @@ def _promote(
     held: Bool[Array, "O"],
     thresholds: Thresholds,
 ) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
-    """Beside a lone support that is taken, names further supported objects.
-
-    Rule: method.md#provisional.
-    """
+    """Beside a lone support that is taken, names further ones (method.md#provisional)."""
     t, min_visual = thresholds.provisional, thresholds.matching.min_visual
     named = known != NO_SLOT
     count, taken = reduce_together(

@@ -1,6 +1,4 @@
-"""When does an undecided detection found an object? The provisional commit.
-
-Rule: method.md#provisional-commit.
+"""When an undecided detection founds an object (method.md#provisional-commit).
 
 At once: the new one of two competitors gets an id in advance and founds its object although it
 stays ambiguous. Later: a new object grows out of the track of a provisional detection, which ends.
@@ -62,10 +60,7 @@ def found_reserved(
     reserved: Int[Array, "N"],
     next_id: Int[Array, ""],
 ) -> tuple[Objects, Int[Array, "N"], Int[Array, ""]]:
-    """Creates the objects with reserved ids, by rising id; ids between stay unused.
-
-    Rule: method.md#object-ids.
-    """
+    """Creates objects by rising reserved id; ids between stay unused (method.md#object-ids)."""
     rank = rank_rising([jnp.where(founds, reserved, jnp.iinfo(jnp.int32).max)])
     objects, slot = add_objects(objects, class_id, founds, rank, reserved)
     last = jnp.max(jnp.where(founds, reserved, NO_ID))
@@ -79,9 +74,7 @@ def support_births(
     class_id: Int[Array, "N"],
     is_new: Bool[Array, "N"],
 ) -> Int[Array, "N K"]:
-    """Slots of the known objects that speak for each new detection, the best first.
-
-    Rule: method.md#birth-origins.
+    """The best known objects that speak for each new detection (method.md#birth-origins).
 
     Which of equals are named follows the order of the original's set of a class
     (method.md#set-order); without any evidence all are equal.

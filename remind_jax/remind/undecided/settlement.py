@@ -1,7 +1,4 @@
-"""Who stays undecided? Guards after the assignment and their reconciliation.
-
-Rules: method.md#settlement-rounds, method.md#entry-priority.
-"""
+"""Who stays undecided? (method.md#settlement-rounds, method.md#entry-priority)."""
 
 from __future__ import annotations
 
@@ -127,10 +124,7 @@ def _reconcile(
     relations: Relations,
     static: Static,
 ) -> tuple[_Open, tuple[Undecided, Settled]]:
-    """One pass: layout settles closed groups, then births are questioned.
-
-    Rule: method.md#settlement-rounds.
-    """
+    """One pass: layout settles groups, births are questioned (method.md#settlement-rounds)."""
     entries = open_.entries
     settled = settle_known_sets(
         entries,

@@ -1,6 +1,4 @@
-"""Assignments among look-alikes that are too close to call.
-
-Rules: method.md#identity-stability, method.md#stability-entries.
+"""Assignments too close to call (method.md#identity-stability, method.md#stability-entries).
 
 Matched detections of a class and their objects form components of rivals. In a small component the
 two best complete assignments are compared; a component that leans on rescued pairs is solved again
@@ -91,10 +89,7 @@ def stabilize(table: PairTable, slot: Int[Array, "N"]) -> Stabilized:
 
 
 def doubt_entries(table: PairTable, stabilized: Stabilized) -> Undecided:
-    """Turns doubtful detections into ambiguous ones, if two plausible rivals remain.
-
-    Rule: method.md#stability-entries.
-    """
+    """Makes the doubtful ambiguous where two rivals remain (method.md#stability-entries)."""
     members = stabilized.rivals & table.plausible & stabilized.doubtful[:, None]
     score = temporal_score(table, members)
     members = members & (score >= table.thresholds.matching.min_visual)
@@ -212,10 +207,7 @@ def _is_fragile(
 def _solve_greedily(
     table: PairTable, parts: _Components, fragile: Bool[Array, "N"], t: Stability
 ) -> Bool[Array, "N O"]:
-    """Takes pairs by falling score; rescued ones must lead their rivals.
-
-    Rule: method.md#gating-fragile.
-    """
+    """Takes pairs by falling score; rescued ones must lead rivals (method.md#gating-fragile)."""
     known, visual = table.pairs.score_known, table.comparison.score
     edge = parts.edge & fragile[:, None]
     masked = jnp.where(edge, known, -jnp.inf)
