@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.decision import Decisions, Outcome, Reason, Status
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.columns import columns
+from remind_jax.numerics.ranks import pick_best
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.association.assignment import Assignment
@@ -125,9 +125,5 @@ def rank_candidates(
     objects: Objects, comparison: Comparison, num_shown: int
 ) -> tuple[Int[Array, "N C"], Int[Array, "N C"]]:
     """The ids of the visually best candidates, by falling score and rising id, and their slots."""
-    masked = jnp.where(comparison.candidate, comparison.score, -jnp.inf)
-    shown = min(num_shown, masked.shape[1])
-    top, rows = jax.lax.top_k(masked, shown)
-    ids = jnp.where(jnp.isfinite(top), objects.id[rows], NO_ID)
-    lacking = ((0, 0), (0, num_shown - shown))
-    return jnp.pad(ids, lacking, constant_values=NO_ID), jnp.pad(rows, lacking)
+    rows, _ = pick_best(comparison.score, comparison.candidate, num_shown)
+    return objects.id_of(rows), jnp.maximum(rows, 0)

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.decision import Decisions, Outcome, Overflow, Reason, Status
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.control_flow import repeat
+from remind_jax.numerics.pytree import choose
 from remind_jax.numerics.ranks import rank_rising
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.memory.bank import Permit
@@ -106,7 +107,7 @@ def remember(
     in_track = items.kind != Kind.FREE
     pending_slot = jnp.where(fits & in_track, pending_slot, num_pending)
     written = write_tracks(tracks, items, pending_slot, joined)
-    tracks = jax.tree.map(lambda new, old: jnp.where(fits, new, old), written, state.pending)
+    tracks = choose(fits, written, state.pending)
     decisions = dataclasses.replace(
         decisions,
         object_id=jnp.where(

@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.ranks import pick_best
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import term_weights
@@ -30,7 +31,7 @@ from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.settlement import Settlement
-from remind_jax.remind.undecided.temporal import PairTable, temporal_score
+from remind_jax.remind.undecided.temporal import PairTable, temporal_score, to_mask
 from remind_jax.static import Static
 
 
@@ -169,18 +170,9 @@ def _choose_candidates(d: Intermediates, static: Static) -> Int[Array, "N C"]:
     asked = jnp.moveaxis(s.asked.slot, 0, 1).reshape(num, -1)
     single = jnp.stack([d.assignment.slot, s.stabilized.slot, s.slot], axis=1)
     named = jnp.concatenate([single, asked, s.ambiguous.slot, s.doubts.support], axis=1)
-    is_named = jnp.any(named[:, :, None] == jnp.arange(width), axis=1)
-    shown = min(static.num_candidates, width)
-
-    def best(counted: Bool[Array, "N O"], score: Float[Array, "N O"]) -> tuple[Array, Array]:
-        top, slots = jax.lax.top_k(jnp.where(counted, score, -jnp.inf), shown)
-        return slots, jnp.isfinite(top)
-
-    slots, real = best(comparison.candidate, comparison.score + 2.0 * is_named)
-    chosen = jnp.any((slots[:, :, None] == jnp.arange(width)) & real[..., None], axis=1)
-    slots, real = best(chosen, comparison.score)
-    slots = jnp.where(real, slots, -1).astype(jnp.int32)
-    return jnp.pad(slots, ((0, 0), (0, static.num_candidates - shown)), constant_values=-1)
+    first = comparison.score + 2.0 * to_mask(named, width)
+    chosen, _ = pick_best(first, comparison.candidate, static.num_candidates)
+    return pick_best(comparison.score, to_mask(chosen, width), static.num_candidates)[0]
 
 
 def _trace_candidates(d: Intermediates, static: Static, t: Thresholds) -> CandidateTrace:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pytree import pytree
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.ranks import largest, rank_two
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.evidence import FrameView
@@ -93,7 +93,8 @@ def summarize(
     mixed = jnp.where(covered, mixed, 0.0)
     soft_cut = t.soft_band * _class_max(mixed, same)
     ranked = covered & (kernel_relative > 0.0)
-    best_relative, second = _class_top_two(jnp.where(ranked, kernel_relative, 0.0), same)
+    among = jnp.broadcast_to(jnp.where(ranked, kernel_relative, 0.0), same.shape)
+    _, best_relative, second, _ = rank_two(among, same)
     supported = ranked & (kernel_relative >= t.band * best_relative)
 
     kept, size = jnp.sum(same & jnp.stack([supported, exists])[:, None], axis=2, dtype=jnp.int32)
@@ -186,16 +187,6 @@ def _rate_quality(
 def _class_max(value: Float[Array, "*B O"], same: Bool[Array, "O O"]) -> Float[Array, "*B O"]:
     """Largest value, not below 0, within the class of each object."""
     return jnp.max(jnp.where(same, value[..., None, :], 0.0), axis=-1)
-
-
-def _class_top_two(
-    value: Float[Array, "O"], same: Bool[Array, "O O"]
-) -> tuple[Float[Array, "O"], Float[Array, "O"]]:
-    """Largest and second value, not below 0, within the class of each object."""
-    masked = jnp.where(same, value[None], 0.0)
-    top, best = largest(masked)
-    rest = jnp.where(jnp.arange(value.shape[0]) == best[:, None], 0.0, masked)
-    return top, jnp.max(rest, axis=1)
 
 
 def _relative(value: Float[Array, "O"], best: Float[Array, "O"]) -> Float[Array, "O"]:

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import enum
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.ranks import pick_best
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.evidence import FrameView
@@ -96,11 +95,8 @@ def plausibly_in_view(
 
     Looks alone count, late objects win ties.
     """
-    slots = score.shape[1]
-    asked = jnp.where(candidate & (score >= visual_gate), score, -jnp.inf)
-    top, behind = jax.lax.top_k(asked[:, ::-1], min(_TOP, slots))
-    best = jnp.where(top > -jnp.inf, slots - 1 - behind, NO_SLOT)
-    named = jnp.any(best[..., None] == jnp.arange(slots), axis=1)
+    best, _ = pick_best(score, candidate & (score >= visual_gate), _TOP, later_first=True)
+    named = jnp.any(best[..., None] == jnp.arange(score.shape[1]), axis=1)
     times = jnp.sum(named, axis=0, dtype=jnp.int32)
     return times[None] > named
 

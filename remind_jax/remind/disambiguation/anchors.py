@@ -13,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pytree import pytree
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.ranks import largest, pick_best
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.association.gating import Pairs
@@ -100,11 +101,10 @@ def find_voters(
     claims = pair_ok & (jnp.arange(masked.shape[1]) == best[:, None])
     claimed = jnp.where(claims, masked, -jnp.inf)
     top, holder = largest(claimed, axis=0)
-    limit = num if static.switches.soft_anchors == 0 else static.switches.soft_anchors
-    ranked, backwards = jax.lax.top_k(top[::-1], min(limit, top.shape[0]))
-    soft_slot = (top.shape[0] - 1 - backwards).astype(jnp.int32)
-    soft = jnp.isfinite(ranked)
-    confidence = jnp.clip(jnp.where(soft, ranked, 0.0), 0.0, 1.0)
+    limit = min(static.switches.soft_anchors or num, top.shape[0])
+    best, likely = pick_best(top, top > -jnp.inf, limit, later_first=True)
+    soft, soft_slot = best != NO_SLOT, jnp.maximum(best, 0)
+    confidence = jnp.clip(likely, 0.0, 1.0)
 
     slot = jnp.concatenate([jnp.where(decided, matched_slot, 0), soft_slot])
     own_place = jnp.concatenate([jnp.arange(num, dtype=jnp.int32), holder[soft_slot]])

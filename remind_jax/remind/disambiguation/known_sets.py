@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.pytree import choose, pytree
 from remind_jax.numerics.ranks import count_before
 from remind_jax.numerics.reductions import Kind, reduce_together
 from remind_jax.remind.association.gating import Pairs
@@ -202,10 +202,7 @@ def _solve_group(
         "anchor": jnp.where(votes, voters.slot[anchors.voter], NO_SLOT),
         "anchor_place": jnp.where(votes, anchors.place, NO_SLOT),
     }
-    written = {
-        name: jnp.where(is_root.reshape(num, *(1,) * value.ndim), value, getattr(outcome, name))
-        for name, value in mine.items()
-    }
+    written = choose(is_root, mine, {name: getattr(outcome, name) for name in mine})
     proposed = jnp.where(jnp.any(place, axis=1), given, proposed)
     return proposed, dataclasses.replace(outcome, **written)
 

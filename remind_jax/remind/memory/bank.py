@@ -26,7 +26,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.pytree import choose, pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.remind.memory.bank_room import make_room, merge_entries
 from remind_jax.remind.memory.prototypes import (
@@ -36,7 +36,6 @@ from remind_jax.remind.memory.prototypes import (
     Edit,
     change,
     change_all,
-    choose,
     closest_pair,
     count,
     count_quality,

@@ -17,7 +17,7 @@ from remind_jax.decision import NUM_OPTIONS
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.pytree import choose, pytree
 from remind_jax.numerics.ranks import count_before
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.memory.writing import find_writers, write_column
@@ -267,9 +267,5 @@ def write_tracks(
 
 def end_tracks(tracks: PendingTracks, ended: Bool[Array, "P"]) -> PendingTracks:
     """Frees the slots of tracks."""
-
-    def free(name: str, nothing: int) -> Array:
-        column = getattr(tracks, name)
-        return jnp.where(ended.reshape(-1, *(1,) * (column.ndim - 1)), nothing, column)
-
-    return dataclasses.replace(tracks, **{name: free(name, one) for name, one in _FREE.items()})
+    freed = choose(ended, _FREE, {name: getattr(tracks, name) for name in _FREE})
+    return dataclasses.replace(tracks, **freed)

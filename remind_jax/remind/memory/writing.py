@@ -18,7 +18,7 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
 from remind_jax.numerics.control_flow import count_up
-from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.pytree import choose, pytree
 from remind_jax.numerics.slices import give_axis
 
 T = TypeVar("T")
@@ -50,8 +50,7 @@ def write_column(
     value = jnp.asarray(value, column.dtype)
     if value.ndim:
         value = value.at[writers.detection].get(mode="promise_in_bounds")
-    written = writers.written.reshape(-1, *(1,) * (column.ndim - 1))
-    return jnp.where(written, value, column)
+    return choose(writers.written, value, column)
 
 
 def write_rows(memory: T, row: Int[Array, "N"], values: T, axis: int = 0) -> T:

@@ -10,10 +10,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason, Status
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.pytree import pytree
-from remind_jax.numerics.ranks import rank_rising
+from remind_jax.numerics.pytree import choose, pytree
+from remind_jax.numerics.ranks import rank_rising, rank_two
 from remind_jax.numerics.reductions import reduce_together
-from remind_jax.remind.association.diagnosis import admit_by_status, rank_two
+from remind_jax.remind.association.diagnosis import admit_by_status
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.temporal import (
@@ -82,8 +82,8 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
     bad_status = ~admitted & ~blocked_ok & ~near_miss
 
     only_raw = ~some & (num_plausible == 0) & near_miss
-    choose = lambda leaf: jnp.where(only_raw, leaf[2], jnp.where(some, leaf[0], leaf[1]))  # noqa: E731
-    best_slot, best = choose(slots), choose(tops)
+    at_best = lambda leaf: jnp.where(only_raw, leaf[2], jnp.where(some, leaf[0], leaf[1]))  # noqa: E731
+    best_slot, best = at_best(slots), at_best(tops)
     asked = creates & (num_candidates > 0) & ((num_plausible > 0) | only_raw) & t.enabled
     asked = asked & (some | near_miss | ~t.require_context) & (best >= t.min_top)
 
@@ -183,10 +183,7 @@ def _promote(
     more, more_score = rank(score, others, lacking, later_first=True)
     slots = jnp.concatenate([known[:, :1], more[:, :-1]], axis=1)
     scores = jnp.concatenate([known_score[:, :1], more_score[:, :-1]], axis=1)
-    return (
-        jnp.where(lone[:, None], slots, known),
-        jnp.where(lone[:, None], scores, known_score),
-    )
+    return choose(lone, (slots, scores), (known, known_score))
 
 
 def _as_entries(
