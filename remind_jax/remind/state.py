@@ -66,11 +66,7 @@ class TrackerState:
 
 
 def init(static: Static) -> TrackerState:
-    """The empty memory with the capacities of `static`.
-
-    Raises:
-      ConfigError: If it is no `Static`.
-    """
+    """The empty memory with the capacities of `static`. Raises ConfigError if it is no `Static`."""
     if not isinstance(static, Static):
         raise ConfigError(f"static is of type {type(static).__name__}; give a remind_jax.Static")
     objects, scalar, dim = static.num_objects, static.scalar, static.feature_dim

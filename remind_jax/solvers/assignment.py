@@ -25,25 +25,19 @@ def assign(
     *,
     solver: str,
 ) -> Int[Array, "N"]:
-    """Gives every row at most one column so that the summed score is largest.
+    """Column of every row, -1 if it gets none, so that the summed score is largest.
 
     Rows of different groups never share a column. With `dummies`, a row may stay without a column
     for the score `dummy[row]`; without them, as many rows as possible get one. Ties fall as in
     `scipy.optimize.linear_sum_assignment` on each group's own matrix (method.md#assignment-ties).
 
     Args:
-      scores: Score of each pair.
       allowed: Pairs that may be assigned; a row without any takes no part.
       group: Class of each row.
-      dummy: Score of leaving a row without a column.
-      dummies: Whether rows may be left without a column by choice.
       present: Pairs that stand in the matrix of the row's group, allowed or not; `allowed` if left
         out. A column that no row may have can still decide a tie.
       solver: `"host"`: SciPy in one callback for all groups and batch entries; `"jax"`: the same
         procedure in the graph, with equal results.
-
-    Returns:
-      The column of each row, -1 if it has none.
     """
     if solver == "jax":
         return assign_in_graph(scores, allowed, group, dummy, dummies, present)

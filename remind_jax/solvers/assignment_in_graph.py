@@ -208,8 +208,7 @@ def _search(
 ) -> tuple[Int[Array, "C"], Int[Array, "N"]]:
     """Gives each driver in turn a slot by a shortest augmenting path.
 
-    Returns:
-      Driver of each slot, and the slot of drivers whose slot went to a driver of a later group.
+    Returns the driver of each slot, and the slot of drivers that lost it to one of a later group.
     """
     with double_precision():
         cost = problem.cost.astype(jnp.float64)

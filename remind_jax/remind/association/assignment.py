@@ -80,13 +80,10 @@ def associate(
 def lock_pairs(
     pairs: Pairs, score: Float[Array, "N O"], t: Matching
 ) -> tuple[Bool[Array, "N O"], Int[Array, "N"]]:
-    """Pairs that win so clearly that nothing else is asked (method.md#locks).
+    """Pairs that win so clearly that nothing else is asked, and the lock of each detection.
 
-    Objects propose their best detection, then free detections propose their best free object.
-    Where two proposals meet, the higher score wins, then the lower index.
-
-    Returns:
-      The locked pairs and the kind of lock of each detection.
+    Objects propose their best detection, then free detections propose their best free object. Where
+    two proposals meet, the higher score wins, then the lower index (method.md#locks).
     """
 
     def wins(best: Array, second: Array) -> Bool[Array, "..."]:

@@ -72,13 +72,9 @@ def select_children(
     live: Bool[Array, "W"],
     diverse: Bool[Array, ""],
 ) -> Children:
-    """The best children, ordered by score, then row, then support of the choice.
+    """The best children, ordered by score, then row, then support of the choice (`rank_choices`).
 
     With `diverse`, the best child of each count comes first, the largest count at the front.
-
-    Args:
-      order: Choices of each set as `rank_choices` gives them.
-      diverse: Whether every count has its place.
     """
     counts = score.shape[1]
     choices = counts * VARIANTS * VARIANTS
@@ -121,11 +117,7 @@ def select_children(
 def number_sets(
     parent: Int[Array, "W"], child: Children, most: int
 ) -> tuple[Int[Array, "W"], Int[Array, "W"], Int[Array, ""]]:
-    """Numbers the sets of the children.
-
-    Returns:
-      Set of each child, a child of each set, and the number of sets.
-    """
+    """Numbers the sets: that of each child, a child of each, and how many there are."""
     index = jnp.arange(parent.shape[0], dtype=jnp.int32)
     key = (parent * (most + 1) + child.count) * VARIANTS + child.variant
     same = (key[:, None] == key[None]) & child.valid[:, None] & child.valid[None]
@@ -183,8 +175,7 @@ def expand_by_class(
 ) -> Beam:
     """Lets every row make every choice of one class and keeps the best.
 
-    Args:
-      scale: What the sets are measured against; all but the number of classes.
+    `scale` has all that sets are measured against but the number of classes.
     """
     pool, places = classes.pool[step], classes.detections.shape[1]
     most = min(places, pool.shape[0] - 1)  # no more detections than objects are explained

@@ -70,8 +70,7 @@ def maturity(episodes: Int[Array, "O"], t: Sets) -> Float[Array, "O"]:
 def join_links(view: FrameView, num_in_question: Int[Array, ""], static: Static, t: Sets) -> Links:
     """Joins what two objects remember of each other into one tie (method.md#member-sets).
 
-    Args:
-      num_in_question: Objects that any hypothesis of the frame may contain.
+    `num_in_question` are the objects that any hypothesis of the frame may contain.
     """
     forth, back = view.conditional, view.conditional.T
     joint = jnp.sqrt(forth * back) if static.switches.mutual_links else 0.5 * (forth + back)

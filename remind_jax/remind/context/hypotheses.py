@@ -52,11 +52,7 @@ def no_hypotheses(num: int, slots: int, static: Static) -> Hypotheses:
 
 
 def find_hypotheses(view: FrameView, static: Static, t: Sets) -> Hypotheses:
-    """Searches the sets of objects that explain the frame best.
-
-    Returns:
-      The hypotheses, best first; equal scores keep the order of the search.
-    """
+    """The sets of objects that explain the frame best; equal ones keep the order of the search."""
     classes = group_by_class(view, static, t)
     links = join_links(view, jnp.sum(classes.pool_size), static, t)
     total = jnp.sum(view.det_valid, dtype=jnp.int32)

@@ -69,11 +69,7 @@ def link_strengths(
 
 
 def reach_members(path: Float[Array, "M M"], link: Float[Array, "M"]) -> Float[Array, "M"]:
-    """Strength of the best path from a newcomer to each member.
-
-    Args:
-      link: Link of the newcomer to each of them; what it says of others does not count.
-    """
+    """Strength of the best path from a newcomer to each member, by its links to members."""
     # The matrix is symmetric: the reduced axis comes first, so that the last one stays whole.
     return jnp.max(jnp.minimum(link[:, None], path), axis=0)
 
@@ -81,11 +77,7 @@ def reach_members(path: Float[Array, "M M"], link: Float[Array, "M"]) -> Float[A
 def extend_paths(
     path: Float[Array, "M M"], reach: Float[Array, "M"], entry: Int[Array, ""]
 ) -> Float[Array, "M M"]:
-    """Paths once a newcomer has entered.
-
-    Args:
-      entry: Position that the newcomer takes, or NO_SLOT.
-    """
+    """Paths once a newcomer has entered at a position; NO_SLOT: it does not."""
     reach = jnp.where(jnp.arange(reach.shape[0]) == entry, _OWN, reach)
     return jnp.maximum(path, jnp.minimum(reach[:, None], reach))
 

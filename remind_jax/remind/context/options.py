@@ -52,11 +52,7 @@ class Options:
 def write_menu(
     pool_size: Int[Array, ""], num_detections: Int[Array, ""], most: int, static: Static, t: Sets
 ) -> Menu:
-    """The choices of one class; nothing at all is one, unless every class must be explained.
-
-    Args:
-      most: K.
-    """
+    """The choices of one class; nothing at all is one, unless every class must be explained."""
     count = jnp.arange(most + 1)
     largest = jnp.minimum(num_detections, pool_size)
     fits = (count <= largest) & ((count > 0) | t.partial)
@@ -113,9 +109,7 @@ def list_options(
 ) -> Options:
     """Ranks the objects of a class and rates every choice among them (method.md#class-options).
 
-    Args:
-      has_kernel: Sets for which that support comes from other objects.
-      pool: Objects of the class, latest first.
+    Support comes from other objects for sets that have a kernel. The pool lists the latest first.
     """
     most = menu.info.shape[0] - 1
     scalar = support.dtype

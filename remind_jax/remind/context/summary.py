@@ -52,11 +52,7 @@ def summarize(
     sets: Sets,
     t: Influence,
 ) -> Context:
-    """Reduces hypotheses and kernels to one standing per object, and rates the whole.
-
-    Args:
-      hypotheses: Best first.
-    """
+    """Reduces hypotheses, the best first, and kernels to one standing per object, and rates all."""
     exists, of_class = view.exists, view.object_class
     same = (of_class[:, None] == of_class[None]) & exists[:, None] & exists[None]
     kernels = find_kernels(hypotheses, same, view.anchors, static)

@@ -64,11 +64,8 @@ def expect_neighbors(
 ) -> Bool[Array, "O O"]:
     """Neighbors that one expects to see with each row object (method.md#expected-neighbors).
 
-    The closest and latest first, until the list is full, or long enough and likely to contain
-    something that is in view.
-
-    Args:
-      min_link: Least conditional probability of an expected neighbor.
+    The closest and latest first, of conditional probability `min_link` at least, until the list is
+    full, or long enough and likely to contain something that is in view.
     """
     graph = view.graph
     slots = graph.episodes.shape[0]

@@ -86,9 +86,7 @@ def find_voters(
 ) -> Voters:
     """Decided objects, and objects that an otherwise open detection most likely is.
 
-    Args:
-      matched_pass: Pass that made the match. Of two detections of one object the later pass lends
-        its geometry, then the later detection.
+    Of two detections of one object the later pass lends its geometry, then the later detection.
     """
     num = matched_slot.shape[0]
     decided = (matched_slot >= 0) & ~undecided

@@ -79,12 +79,9 @@ class Solution:
 def list_injections(num_rows: int, num_columns: int) -> tuple[np.ndarray, np.ndarray]:
     """All ways to give each row a column of its own, in lexicographic order.
 
-    Returns:
-      The column of each row `[R, num_rows]`, and for every number n of rows in use the ways that
-      are the first with their leading n columns `[num_rows + 1, R]`.
-
-    Raises:
-      ConfigError: If there are too many to score them all.
+    Returns the column of each row `[R, num_rows]`, and for every number n of rows in use the ways
+    that are the first with their leading n columns `[num_rows + 1, R]`. Raises ConfigError if there
+    are too many to score them all.
     """
     if (count := math.perm(num_columns, num_rows)) > MAX_ASSIGNMENTS:
         raise ConfigError(
@@ -107,11 +104,7 @@ def score_assignments(
     visual: Float[Array, "G U"],
     t: KnownSets,
 ) -> AssignmentScores:
-    """Scores every way to give the detections of a group candidates of their own.
-
-    Args:
-      vote: How well two candidates fit two detections as an anchor sees it, from `vote_by_pairs`.
-    """
+    """Scores all ways to give detections candidates of their own, by what `vote_by_pairs` says."""
     valid, choice = _enumerate(group)
     size, num = group.allowed.shape
     first, second = np.triu_indices(size, 1)

@@ -121,12 +121,7 @@ def observe_whole(
     now: Int[Array, ""],
     channel: Channel,
 ) -> Bank:
-    """Shows one rated observation to each bank; proven work prototypes move to the stable bank.
-
-    Args:
-      banks: Leading axes `[2 C N]`.
-      present: False leaves the banks as they are.
-    """
+    """Shows one rated observation, if present, to each bank `[2 C N]`; the proven become stable."""
     unused = jnp.zeros((*present.shape, banks.embedding.shape[-2]), bool)
     return _observe(banks, unused, _Observation(vector, present, quality, permit), now, channel)[0]
 
@@ -140,13 +135,9 @@ def observe_several(
     channels: Sequence[Channel],
     patch_merge: Float[Array, ""] | None = None,
 ) -> Bank:
-    """Shows unrated observations to each bank in turn; proven work prototypes feed the stable bank.
+    """Shows unrated observations in turn to each bank `[2 C N]`; proven ones feed the stable bank.
 
-    Args:
-      banks: Leading axes `[2 C N]`.
-      present: False leaves the banks as they are.
-      patch_merge: For patches of a ring: cosine from which on the closest pair of a stable bank is
-        joined.
+    Patches of a ring join the closest pair of a stable bank from the cosine `patch_merge` on.
     """
 
     def show(carry: tuple[Bank, Array], one: tuple[Array, Array]):

@@ -47,10 +47,7 @@ def weakest(
 ) -> Int[Array, ""]:
     """The prototype to give up: the least recently seen of all, or of the most redundant ones.
 
-    method.md#bank-room; the first among equals.
-
-    Args:
-      cosine: Of all pairs, -1 where there is none.
+    method.md#bank-room; the first among equals. The cosine is -1 where there is no pair.
     """
     alive = live(bank)
     others = jnp.where(jnp.eye(alive.shape[0], dtype=bool), -1.0, cosine)

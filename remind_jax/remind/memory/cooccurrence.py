@@ -61,9 +61,7 @@ def gather_sightings(
 ) -> Sightings:
     """Finds the objects of a frame; of two detections of one object the later decided counts.
 
-    Args:
-      slot: Object slot of every matched or created detection, out of range for others.
-      order: Rises in the order in which the detections were decided.
+    `slot` is out of range for detections without object, `order` rises as they were decided.
     """
     num = slot.shape[0]
     shows = slot[:, None] == jnp.arange(num_objects)
@@ -111,12 +109,8 @@ def update_cooccurrence(
 ) -> tuple[CooccurrenceGraph, Bool[Array, "N"]]:
     """Lets objects in view decide on an episode (method.md#episodes, method.md#neighbor-order).
 
-    Args:
-      ids: Ids of the objects, which break ties (method.md#set-order).
-
-    Returns:
-      The graph, and which detections show an object that accepted an episode. Its context is
-      then every other visible object.
+    Ids break ties (method.md#set-order). Also says which detections show an object that accepted an
+    episode; its context is then every other visible object.
     """
     slots, row = graph.episodes.shape[0], sightings.row
     around = sightings.visible & ~jnp.eye(slots, dtype=bool)
@@ -261,10 +255,8 @@ def conditional(
 ) -> Float[Array, "O O"]:
     """Smoothed P[i, j] of seeing j in an episode of i (method.md#conditional-probability).
 
-    Pairs never seen together have a share, too, and so has an object with itself.
-
-    Args:
-      num_objects: Objects in memory, in every lifecycle state.
+    Pairs never seen together have a share, too, and so has an object with itself. Objects count in
+    every lifecycle state.
     """
     scalar = graph.weight.dtype
     total = graph.episodes.astype(scalar) + t.smoothing * jnp.maximum(1, num_objects).astype(scalar)
@@ -275,11 +267,7 @@ def conditional(
 def reorder_cooccurrence(
     graph: CooccurrenceGraph, order: Int[Array, "O"], alive: Bool[Array, "O"]
 ) -> CooccurrenceGraph:
-    """Moves objects to other slots and forgets those that are gone, by others, too.
-
-    Args:
-      order: Old slot of every new one.
-    """
+    """Moves objects from the slots in `order`; what is gone is forgotten, by others, too."""
     empty = empty_cooccurrence(order.shape[0], graph.weight.dtype)
 
     def move(leaf: Array, blank: Array) -> Array:

@@ -109,12 +109,7 @@ def update_distances(
     accepted: Bool[Array, "N"],
     t: Rules,
 ) -> DistanceGraph:
-    """Collects the relations of a frame and condenses those of objects with an episode.
-
-    Args:
-      accepted: Detections whose object accepted an episode in this frame, with all other visible
-        objects as its context (from `update_cooccurrence`).
-    """
+    """Collects the relations of a frame and condenses those of objects that accepted an episode."""
     slots = graph.nearer.shape[0]
     row = jnp.where(t.enabled, sightings.row, slots)
     old = jax.tree.map(lambda leaf: leaf[jnp.minimum(row, slots - 1)], graph)
@@ -263,11 +258,7 @@ def _learn_order(
 def reorder_distances(
     graph: DistanceGraph, order: Int[Array, "O"], alive: Bool[Array, "O"]
 ) -> DistanceGraph:
-    """Moves objects to other slots and forgets those that are gone, by others, too.
-
-    Args:
-      order: Old slot of every new one.
-    """
+    """Moves objects from the slots in `order`; what is gone is forgotten, by others, too."""
     slots = jnp.arange(order.shape[0])
 
     def move(leaf: Array) -> Array:

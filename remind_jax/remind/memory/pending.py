@@ -172,11 +172,7 @@ def dice(
     num_left: Int[Array, "N"],
     num_right: Int[Array, "P"],
 ) -> tuple[Float[Array, "N P"], Bool[Array, "N P"], Bool[Array, "N P"]]:
-    """Dice overlap of two sets of ids, whether exactly one is empty, and whether both are.
-
-    Args:
-      left: Ids, -1 padding.
-    """
+    """Dice overlap of two sets of ids, -1 padding; whether one is empty, and whether both are."""
     shared = (left[:, None, :, None] == right[None, :, None, :]) & (left >= 0)[:, None, :, None]
     common = jnp.sum(shared, axis=(2, 3))
     total = num_left[:, None] + num_right
@@ -226,9 +222,7 @@ def open_tracks(
 ) -> tuple[Int[Array, "N"], Int[Array, ""]]:
     """Gives a free slot to each undecided detection that continues no track.
 
-    Returns:
-      The slot of every undecided detection (`P` for the others and for those that do not fit), and
-      the slots needed in all.
+    Returns the slot of each, `P` for the others and those that do not fit, and the slots needed.
     """
     slots = tracks.kind.shape[0]
     fresh = (items.kind != Kind.FREE) & (joined == NO_SLOT)

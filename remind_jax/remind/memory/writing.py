@@ -33,11 +33,7 @@ class Writers:
 
 
 def find_writers(row: Int[Array, "N"], num_rows: int) -> Writers:
-    """Looks up who writes each row; of several detections the last one does.
-
-    Args:
-      row: Row that each detection writes, out of range for none.
-    """
+    """Looks up who writes each row, the last of several; `row` is out of range for none."""
     turn = jnp.arange(1, row.shape[0] + 1, dtype=jnp.int32)[:, None]
     last = jnp.max(jnp.where(row[:, None] == jnp.arange(num_rows), turn, 0), axis=0, initial=0)
     return Writers(jnp.maximum(last - 1, 0), last > 0)
@@ -54,11 +50,9 @@ def write_column(
 
 
 def write_rows(memory: T, row: Int[Array, "N"], values: T, axis: int = 0) -> T:
-    """Memory with whole rows replaced, one detection after the other.
+    """Memory with whole rows replaced along an axis, one detection after the other.
 
-    Args:
-      row: Row that each detection writes, out of range for none.
-      axis: Where rows and detections are counted.
+    `row` is what each detection writes, out of range for none.
     """
     num_rows = jax.tree.leaves(memory)[0].shape[axis]
     written = (row >= 0) & (row < num_rows)

@@ -30,8 +30,7 @@ def find_ring_prototypes(
 ) -> RingPatches:
     """Describes each ring by the patches that stand for its largest and most uniform regions.
 
-    Args:
-      weights: Share of each ring patch that is background.
+    Weights are the share of each ring patch that is background.
     """
     norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
     found = [

@@ -22,11 +22,7 @@ from remind_jax.remind.undecided.temporal import (
 
 
 def find_ambiguous(table: PairTable, slot: Int[Array, "N"], creates: Bool[Array, "N"]) -> Undecided:
-    """Finds detections, matched or not, whose candidates are too close to tell apart.
-
-    Args:
-      slot: Matched object of each detection, -1 none.
-    """
+    """Detections, matched to a slot or not, whose candidates are too close to tell apart."""
     t, width = table.thresholds.ambiguous, table.plausible.shape[1]
     matched = slot >= 0
     mine = slot[:, None] == jnp.arange(width)

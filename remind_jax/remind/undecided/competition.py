@@ -58,9 +58,7 @@ def find_competitions(
 ) -> tuple[Undecided, Int[Array, "N"]]:
     """Finds new detections that score nearly as a matched detection does on its object.
 
-    Returns:
-      The entries, and the id of the object that a detection founds, -1 none
-      (method.md#provisional-commit).
+    Also gives the id of the object that a detection founds, -1 none (method.md#provisional-commit).
     """
     (num, width), t = table.pairs.eligible.shape, table.thresholds.competition
     known = table.pairs.score_known

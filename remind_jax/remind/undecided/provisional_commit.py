@@ -32,9 +32,7 @@ def reserve_ids(
 ) -> Int[Array, "N"]:
     """Ids in advance, by rising parent, behind all other births that the frame may bring.
 
-    Args:
-      founder: Detections that may found an object although they stay ambiguous.
-      parent: Object that each of them competes for, no two for the same.
+    No two founders, which stay ambiguous, compete for the same parent.
     """
     turn = jnp.sum(founder & (parent < parent[:, None]), axis=1, dtype=jnp.int32)
     others = jnp.sum(creates & ~founder, dtype=jnp.int32)
@@ -105,11 +103,7 @@ def claim_origins(
     support_id: Int[Array, "N K"],
     rules: Pending,
 ) -> Bool[Array, "P"]:
-    """Provisional tracks that end because a new object grows out of them (method.md#birth-origins).
-
-    Args:
-      support_id: Known objects that speak for each, -1 padding.
-    """
+    """Provisional tracks that end as a new object grows out of them (method.md#birth-origins)."""
     slots = tracks.kind.shape[0]
     num_named = jnp.sum(tracks.known_id >= 0, axis=1, dtype=jnp.int32)
 

@@ -110,14 +110,9 @@ def rank(
     *,
     later_first: bool = False,
 ) -> tuple[Int[Array, "*B K"], Float[Array, "*B K"]]:
-    """The best members by falling score, at most three.
+    """Slots and scores of the best members by falling score, at most three; padded by -1 and 0.
 
-    Args:
-      most: How many, at most three; broadcast against the slots.
-      later_first: Among equals the larger id first, else the smaller.
-
-    Returns:
-      Slots (-1 padding) and scores (0 padding).
+    `later_first`: among equals the larger id first, else the smaller.
     """
     slots, best = pick_best(scores, members, NUM_OPTIONS, later_first=later_first)
     asked = jnp.arange(NUM_OPTIONS) < most
