@@ -92,10 +92,11 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
     known, known_score = rank(score, near, t.max_support)
     lacks = known[:, 0] == NO_SLOT
     asked = asked & (~lacks | near_miss | blocked_ok | ~t.require_context)
-    known, known_score = _fill(known, known_score, lacks & blocked_ok, first, first_score)
-    hinted = lacks & ~blocked_ok & near_miss
-    known, known_score = _fill(known, known_score, hinted, hint, hint_score)
-    by_hint = hinted  # the visual hint alone speaks for it
+    by_hint = lacks & ~blocked_ok & near_miss  # the visual hint alone speaks for it
+    lone, lone_score = choose(blocked_ok, (first, first_score), (hint, hint_score))
+    filled = (jnp.arange(known.shape[1]) == 0) & (lacks & (blocked_ok | near_miss))[:, None]
+    known = jnp.where(filled, lone[:, None], known)
+    known_score = jnp.where(filled, lone_score[:, None], known_score)
     known, known_score = _promote(known, known_score, score, supported, held, thresholds)
 
     blocked = (known != NO_SLOT) & held[jnp.maximum(known, 0)]
@@ -147,19 +148,6 @@ def _is_near_miss(
     ok = (top >= t.visual_min_score) & (match > 0)
     ok = ok & (lack >= 0) & (lack <= t.visual_margin) & (top - second >= t.visual_min_gap)
     return ok & (jnp.sum(near, axis=1) <= t.visual_max_close)
-
-
-def _fill(
-    slots: Int[Array, "N K"],
-    scores: Float[Array, "N K"],
-    when: Bool[Array, "N"],
-    slot: Int[Array, "N"],
-    score: Float[Array, "N"],
-) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
-    """Names one object where none is named yet."""
-    first = (jnp.arange(slots.shape[1]) == 0) & when[:, None]
-    slots = jnp.where(first, slot[:, None].astype(jnp.int32), slots)
-    return slots, jnp.where(first, score[:, None], scores)
 
 
 def _promote(
