@@ -10,11 +10,11 @@ from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.ranks import pick_best
 from remind_jax.numerics.row_lookup import look_up_in_rows
-from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.diagnosis import Evidence
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.memory.objects import Objects
+from remind_jax.remind.perception.description import DescribedFrame
 from remind_jax.remind.stages import Stages
 from remind_jax.remind.undecided.settlement import Settlement
 from remind_jax.remind.undecided.temporal import PairTable
@@ -23,8 +23,7 @@ from remind_jax.static import Static
 
 def decide(
     objects: Objects,
-    masks: Masks,
-    descriptors: Descriptors,
+    seen: DescribedFrame,
     table: PairTable,
     anchors: Bool[Array, "N O"],
     evidence: Evidence,
@@ -34,6 +33,7 @@ def decide(
     static: Static,
 ) -> tuple[Decisions, Stages]:
     """Writes down the decisions; memory fills in the ids of new objects and pending tracks."""
+    descriptors, masks = seen.descriptors, seen.masks
     outcome, reason, score = _verdicts(settlement)
     usable = descriptors.valid
     given = jnp.where(masks.valid, Outcome.DROPPED, Outcome.EMPTY)

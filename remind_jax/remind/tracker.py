@@ -6,9 +6,8 @@ from typing import Any
 
 from jaxtyping import Array, Bool
 
-from remind_jax.decision import Decisions, Outcome
-from remind_jax.numerics.pytree import pytree
-from remind_jax.observation import Descriptors, FrameFeats, Masks, without_coverage
+from remind_jax.decision import Decisions
+from remind_jax.observation import FrameFeats, Masks, without_coverage
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
 from remind_jax.remind.association.quality import Quality, assess
@@ -16,26 +15,17 @@ from remind_jax.remind.association.similarity import Comparison, compare, count_
 from remind_jax.remind.context.evidence import view_frame
 from remind_jax.remind.context.reasoning import Reasoning, reason
 from remind_jax.remind.outcome import decide as decide_outcomes
-from remind_jax.remind.perception.description import describe
+from remind_jax.remind.perception.description import DescribedFrame, describe
 from remind_jax.remind.perception.relations import Relations, observe_relations
 from remind_jax.remind.remember import remember
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import Intermediates, Trace, collect_trace
-from remind_jax.remind.undecided.provisional_commit import support_births
 from remind_jax.remind.undecided.settlement import settle
 from remind_jax.remind.undecided.temporal import tabulate_pairs
 from remind_jax.static import Static
 
 __all__ = ["decide", "describe_frame", "init"]
-
-
-@pytree
-class DescribedFrame:
-    """What `decide` is given."""
-
-    descriptors: Descriptors
-    masks: Masks  # without patch coverage, which nothing reads after the description
 
 
 def describe_frame(
@@ -69,15 +59,7 @@ def decide(
     decisions, made_of = decide_pairs(
         state, seen, quality, relations, comparison, anchors, reasoning, static, t
     )
-    table = made_of.table
-    birth_support = support_births(
-        table.pairs.score_known, table.plausible, state.objects, descriptors.class_id,
-        decisions.outcome == Outcome.NEW,
-    )  # fmt: skip
-    after = remember(
-        state, decisions, made_of.stages, made_of.settlement, birth_support,
-        comparison.pending_score, descriptors, masks, relations, static, t,
-    )  # fmt: skip
+    after = remember(state, seen, decisions, made_of, static, t)
     return after, collect_trace(made_of, static, t)
 
 
@@ -93,20 +75,19 @@ def decide_pairs(
     t: Thresholds,
 ) -> tuple[Decisions, Intermediates]:
     """Decides by what was found about every pair; memory fills in the ids of what is new."""
-    objects, descriptors = state.objects, seen.descriptors
+    class_id = seen.descriptors.class_id
     num_terms, margin = count_terms(comparison), static.switches.margin
     evidence = diagnose(comparison.score, comparison.candidate, num_terms, margin, t.diagnosis)
     # Who is who, jointly?
-    assignment = associate(comparison, evidence, reasoning, descriptors.class_id, static, t)
+    assignment = associate(comparison, evidence, reasoning, class_id, static, t)
     pairs = assignment.pairs
     # Who stays undecided?
     table = tabulate_pairs(comparison, pairs, reasoning, t)
-    settlement = settle(table, assignment, state, descriptors, relations, static)
+    settlement = settle(table, assignment, state, seen.descriptors, relations, static)
     final = diagnose(pairs.score_final, pairs.eligible, num_terms, margin, t.diagnosis)
     decisions, stages = decide_outcomes(
-        objects, seen.masks, descriptors, table, anchors, evidence, final, assignment, settlement,
-        static,
-    )  # fmt: skip
+        state.objects, seen, table, anchors, evidence, final, assignment, settlement, static
+    )
     return decisions, Intermediates(
         state, quality, relations, anchors, table, assignment, settlement, stages
     )

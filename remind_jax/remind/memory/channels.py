@@ -16,6 +16,7 @@ from remind_jax.numerics.rounding import divide
 from remind_jax.observation import Descriptors
 from remind_jax.remind.memory.bank import (
     Channel,
+    Observation,
     Permit,
     Refresh,
     Room,
@@ -67,9 +68,8 @@ def observe_wholes(
     looks = [_appearance_channel(static, t.appearance, t.update.keep_first)] * 2
     rings = _ring_channels(static, t.background, t.update.keep_first)
     channel = side_by_side(*looks, *rings)
-    return observe_whole(
-        banks, jnp.swapaxes(vector, 0, 1), present.T, quality.T, permit, now, channel
-    )
+    seen = Observation(jnp.swapaxes(vector, 0, 1), present.T, quality.T, permit)
+    return observe_whole(banks, seen, now, channel)
 
 
 def _appearance_channel(static: Static, a: Appearance, keeps_first: Bool[Array, ""]) -> Channel:

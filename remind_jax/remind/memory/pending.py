@@ -50,26 +50,11 @@ class Items:
     area: Float[Array, "N"]  # pixels
 
     @classmethod
-    def begun(
-        cls,
-        *,
-        known_id: Int[Array, "N K"],
-        known_score: Float[Array, "N K"],
-        center: Float[Array, "N 2"],
-        area: Float[Array, "N"],
-        **columns: Array,
-    ) -> Items:
+    def begun(cls, **columns: Array) -> Items:
         """Detections that are in no track yet; the other columns by name."""
-        (num, _), scalar = known_id.shape, known_score.dtype
-        return cls(
-            id=full(num, NO_ID, np.int32),
-            hits=zeros(num, np.int32),
-            known_id=known_id,
-            known_score=known_score,
-            center=center.astype(scalar),
-            area=area.astype(scalar),
-            **columns,
-        )
+        num, scalar = len(columns["known_id"]), columns["known_score"].dtype
+        columns |= {name: columns[name].astype(scalar) for name in ("center", "area")}
+        return cls(id=full(num, NO_ID, np.int32), hits=zeros(num, np.int32), **columns)
 
 
 @pytree
@@ -145,25 +130,16 @@ def _affinity(
     )
     place = _place(items, tracks)
 
-    r = rules
-    names_fit = jnp.where(
-        ambiguous,
-        overlap >= r.ambiguous_min_overlap,
-        jnp.where(neither, r.provisional_without_parent, ~one_sided & (overlap > 0)),
-    )
-    looks_fit = visual >= jnp.where(ambiguous, r.ambiguous_min_visual, r.provisional_min_visual)
-    total = visual + jnp.where(
-        ambiguous,
-        r.ambiguous_overlap_weight * overlap
-        + r.ambiguous_scores_weight * scores
-        + r.ambiguous_place_weight * place,
-        r.provisional_overlap_weight * overlap
-        + r.provisional_scores_weight * scores
-        + r.provisional_place_weight * place,
-    )
-    enough = total >= jnp.where(ambiguous, r.ambiguous_min_total, r.provisional_min_total)
-    switched = jnp.where(ambiguous, r.ambiguous_matching, r.provisional_matching)
-    return total, same & names_fit & looks_fit & enough & switched, same
+    def of_kind(name: str) -> Array:
+        kinds = (getattr(rules, f"{kind}_{name}") for kind in ("ambiguous", "provisional"))
+        return jnp.where(ambiguous, *kinds)
+
+    shared = jnp.where(neither, rules.provisional_without_parent, ~one_sided & (overlap > 0))
+    fits = jnp.where(ambiguous, overlap >= rules.ambiguous_min_overlap, shared)
+    fits = fits & (visual >= of_kind("min_visual")) & of_kind("matching")
+    beside = of_kind("overlap_weight") * overlap + of_kind("scores_weight") * scores
+    total = visual + (beside + of_kind("place_weight") * place)
+    return total, same & fits & (total >= of_kind("min_total")), same
 
 
 def dice(

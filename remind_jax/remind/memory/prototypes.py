@@ -249,23 +249,6 @@ def move_toward(
     return jnp.where(rate > 0, moved, embedding)
 
 
-def similarity_rate(
-    similarity: Float[Array, ""],
-    duplicate: Float[Array, ""],
-    margin: Float[Array, ""],
-    low: Float[Array, ""],
-    high: Float[Array, ""],
-    scale: Float[Array, ""],
-) -> Float[Array, ""]:
-    """Step by similarity: none in the margin, then low to high (method.md#similarity-step)."""
-    low, high = jnp.clip(low, 0.0, 1.0), jnp.clip(high, 0.0, 1.0)
-    low, high = jnp.minimum(low, high), jnp.maximum(low, high)
-    gate = duplicate + margin
-    ramp = jnp.clip(divide(similarity - gate, jnp.maximum(1e-6, 1.0 - gate)), 0.0, 1.0)
-    rate = (low + (high - low) * ramp) * jnp.clip(scale, 0.0, 1.0)
-    return jnp.where(similarity < gate, 0.0, rate)
-
-
 def closest_pair(
     bank: Bank,
 ) -> tuple[Float[Array, ""], Int[Array, ""], Int[Array, ""], Float[Array, "S S"]]:

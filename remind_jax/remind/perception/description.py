@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from remind_jax.errors import ConfigError
 from remind_jax.numerics.pooling import keep_typical, pool
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import unit
 from remind_jax.observation import Descriptors, FrameFeats, Masks, PatchAttention
@@ -17,6 +18,14 @@ from remind_jax.remind.perception.rings import find_rings, ring_weights
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.perception import Perception
 from remind_jax.static import Static
+
+
+@pytree
+class DescribedFrame:
+    """What a decision is given of a frame."""
+
+    descriptors: Descriptors
+    masks: Masks  # without patch coverage, which nothing reads after the description
 
 
 def describe(

@@ -15,7 +15,6 @@ from remind_jax.numerics.ranks import rank_rising, rank_two
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.association.diagnosis import admit_by_status
 from remind_jax.remind.disambiguation.groups import Undecided
-from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.temporal import (
     CANDIDATES,
     PLAUSIBLE,
@@ -75,7 +74,7 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
     first, first_score, raw_top = slots[0], tops[0], slots[2]
     hint, hint_score = slots[4], tops[4]
     blocked_ok = some & held[first] & (first_score >= t.min_top)
-    near_miss = _is_near_miss(visual, plausible, candidate, tops[3:], seconds[3:], thresholds)
+    near_miss = _is_near_miss(table, tops[3:], seconds[3:])
     near_miss = near_miss & (~t.visual_single_only | (num_candidates == 1))
     near_miss = near_miss & t.visual_fallback & (~some | ~t.visual_only_without_context)
     admitted = admit_by_status(status, t.from_strong, t.from_ambiguous, t.from_weak)
@@ -97,7 +96,7 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
     filled = (jnp.arange(known.shape[1]) == 0) & (lacks & (blocked_ok | near_miss))[:, None]
     known = jnp.where(filled, lone[:, None], known)
     known_score = jnp.where(filled, lone_score[:, None], known_score)
-    known, known_score = _promote(known, known_score, score, supported, held, thresholds)
+    known, known_score = _promote(table, known, known_score, held)
 
     blocked = (known != NO_SLOT) & held[jnp.maximum(known, 0)]
     count, num_blocked = reduce_together(("sum", known != NO_SLOT), ("sum", blocked), axis=1)
@@ -128,22 +127,20 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
 
 
 def _is_near_miss(
-    visual: Float[Array, "N O"],
-    plausible: Bool[Array, "N O"],
-    candidate: Bool[Array, "N O"],
-    tops: Float[Array, "2 N"],
-    seconds: Float[Array, "2 N"],
-    thresholds: Thresholds,
+    table: PairTable, tops: Float[Array, "2 N"], seconds: Float[Array, "2 N"]
 ) -> Bool[Array, "N"]:
     """A clear visual winner that just missed the match threshold (method.md#near-miss).
 
     `tops` and `seconds` are the two best visual scores of plausible ones and of all candidates.
     """
+    thresholds, comparison = table.thresholds, table.comparison
     t, match = thresholds.provisional, thresholds.matching.match
     some = tops[0] > 0
     top, second = jnp.where(some, tops[0], tops[1]), jnp.where(some, seconds[0], seconds[1])
-    among = jnp.where(some[:, None], plausible, candidate)
-    near = among & (visual >= (top - jnp.maximum(0.0, thresholds.diagnosis.close))[:, None])
+    among = jnp.where(some[:, None], table.plausible, comparison.candidate)
+    near = among & (
+        comparison.score >= (top - jnp.maximum(0.0, thresholds.diagnosis.close))[:, None]
+    )
     lack = match - top
     ok = (top >= t.visual_min_score) & (match > 0)
     ok = ok & (lack >= 0) & (lack <= t.visual_margin) & (top - second >= t.visual_min_gap)
@@ -151,15 +148,11 @@ def _is_near_miss(
 
 
 def _promote(
-    known: Int[Array, "N K"],
-    known_score: Float[Array, "N K"],
-    score: Float[Array, "N O"],
-    supported: Bool[Array, "N O"],
-    held: Bool[Array, "O"],
-    thresholds: Thresholds,
+    table: PairTable, known: Int[Array, "N K"], known_score: Float[Array, "N K"], held: Array
 ) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
     """Beside a lone support that is taken, names further ones (method.md#provisional)."""
-    t, min_visual = thresholds.provisional, thresholds.matching.min_visual
+    t, min_visual = table.thresholds.provisional, table.thresholds.matching.min_visual
+    score, supported = table.temporal[PLAUSIBLE], table.supported
     named = known != NO_SLOT
     count, taken = reduce_together(
         ("sum", named), ("any", named & held[jnp.maximum(known, 0)]), axis=1

@@ -15,7 +15,6 @@ from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.disambiguation.known_sets import Settled, settle_known_sets
-from remind_jax.remind.memory.distances import DistanceGraph
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import MatchOrigin
 from remind_jax.remind.state import TrackerState
@@ -74,9 +73,11 @@ def settle(
     )
 
     def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[Undecided, Settled]]:
-        return _reconcile(
-            open_, turn, table, exists, state.distances, descriptors, relations, static
-        )
+        settled = settle_known_sets(
+            open_.entries, descriptors.class_id, open_.slot, open_.turn, table.comparison.candidate,
+            table.pairs, exists, relations, state.distances, static, table.thresholds.known_sets,
+        )  # fmt: skip
+        return _follow_layout(open_, settled, turn, table), (open_.entries, settled)
 
     turns = jnp.arange(static.switches.max_passes, dtype=jnp.int32)
     open_, (asked, answers) = jax.lax.scan(reconcile, open_, turns)
@@ -114,41 +115,18 @@ class _Open:
     doubts: Doubts
 
 
-def _reconcile(
-    open_: _Open,
-    turn: Int[Array, ""],
-    table: PairTable,
-    exists: Bool[Array, "O"],
-    distances: DistanceGraph,
-    descriptors: Descriptors,
-    relations: Relations,
-    static: Static,
-) -> tuple[_Open, tuple[Undecided, Settled]]:
-    """One pass: layout settles groups, births are questioned (method.md#settlement-rounds)."""
-    entries = open_.entries
-    settled = settle_known_sets(
-        entries,
-        descriptors.class_id,
-        open_.slot,
-        open_.turn,
-        table.comparison.candidate,
-        table.pairs,
-        exists,
-        relations,
-        distances,
-        static,
-        table.thresholds.known_sets,
-    )
+def _follow_layout(open_: _Open, settled: Settled, turn: Int[Array, ""], table: PairTable) -> _Open:
+    """Takes over what layout settled and questions births again (method.md#settlement-rounds)."""
     found = settled.resolved_slot >= 0
     late = MatchOrigin.DISTANCE_FULL_POSTCREATE - MatchOrigin.DISTANCE_FULL
     by_layout = settled.source + jnp.where(turn > 0, late, 0)
     slot = jnp.where(found, settled.resolved_slot, open_.slot)
     creates = open_.creates & ~found
-    entries = dataclasses.replace(entries, present=settled.remaining)
+    entries = dataclasses.replace(open_.entries, present=settled.remaining)
 
     held = jnp.any(slot[:, None] == jnp.arange(table.plausible.shape[1]), axis=0)
     doubts = question_births(table, creates & ~entries.present, held)
-    after = _Open(
+    return _Open(
         slot=slot,
         score=jnp.where(found, settled.resolved_score, open_.score),
         source=jnp.where(found, by_layout, open_.source).astype(jnp.int32),
@@ -157,4 +135,3 @@ def _reconcile(
         entries=prefer(entries, doubts.ambiguous),
         doubts=doubts,
     )
-    return after, (open_.entries, settled)
