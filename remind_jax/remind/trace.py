@@ -188,18 +188,14 @@ def _trace_candidates(d: Intermediates, static: Static, t: Thresholds) -> Candid
         return jnp.where(rows >= 0, picked, jnp.zeros((), picked.dtype))
 
     terms = comparison.terms
+    weights = term_weights(d.quality, terms.authority, t.similarity, len(terms.value))
     return CandidateTrace(
         id=jnp.where(rows >= 0, d.state.objects.id[at], NO_ID),
         lifecycle=take(d.state.objects.lifecycle),
         unseen_frames=take(d.state.objects.misses),
         value=take(terms.value),
         present=take(terms.present),
-        weight=take(
-            jnp.broadcast_to(
-                term_weights(d.quality, terms.authority, t.similarity, len(terms.value)),
-                terms.value.shape,
-            )
-        ),
+        weight=take(jnp.broadcast_to(weights, terms.value.shape)),
         visual_score=take(comparison.score),
         comparable_score=take(temporal_score(d.table, d.table.plausible)),
         bonus_raw=take(d.table.reasoning.influence.bonus_raw),

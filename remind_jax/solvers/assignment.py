@@ -45,22 +45,8 @@ def assign(
         raise ConfigError(f"solver {solver!r} is unknown; use 'host' or 'jax'")
     out = jax.ShapeDtypeStruct(group.shape, jnp.int32)
     given = (scores, allowed, group, dummy, dummies, allowed if present is None else present)
-    return jax.pure_callback(_assign_batched, out, *given, vmap_method="broadcast_all")
-
-
-def _assign_batched(scores, allowed, group, dummy, dummies, present):
-    """Runs `assign_groups` over any leading batch axes."""
-    scores, allowed, group, dummy, dummies, present = map(
-        np.asarray, (scores, allowed, group, dummy, dummies, present)
-    )
-    batch = group.shape[:-1]
-    columns = np.empty(group.shape, np.int32)
-    for index in np.ndindex(*batch):
-        columns[index] = assign_groups(
-            scores[index], allowed[index], group[index], dummy[index], bool(dummies[index]),
-            present[index],
-        )  # fmt: skip
-    return columns
+    batched = np.vectorize(assign_groups, [np.int32], signature="(n,m),(n,m),(n),(n),(),(n,m)->(n)")
+    return jax.pure_callback(batched, out, *given, vmap_method="broadcast_all")
 
 
 def assign_groups(

@@ -28,7 +28,6 @@ from remind_jax.static import Static
 
 OBJECT, BACKGROUND, PARTS = 0, 1, 2
 RING_PROTOTYPES = 3  # only with `static.ring_prototypes`
-NUM_TERMS = 3
 _SUMMED = (OBJECT, BACKGROUND, RING_PROTOTYPES, PARTS)  # in this order, as in the original
 _NO_WEIGHT = 1e-12  # at most
 Rule = Literal["work", "stable", "prefer_stable", "max"]
@@ -80,7 +79,7 @@ def compare(
     candidate = candidate & (descriptors.class_id[:, None] == objects.class_id[None])
     channels = compare_channels(state, descriptors, static, thresholds)
 
-    ways = collapse(channels, _WAYS, static, t)
+    ways = collapse(channels, static, t)
     width = ways.authority.shape[-1]
     of_objects = jax.tree.map(lambda leaf: leaf[..., :slots], ways)
     # One bank for all candidates of a detection where all have it, stable first
@@ -88,11 +87,8 @@ def compare(
     everywhere = jnp.all(of_objects.present[: STABLE + 1] | ~candidate, axis=-1)
     source = jnp.where(everywhere[STABLE], STABLE, jnp.where(everywhere[WORK], WORK, AUTO))
     taken = jnp.where(jnp.arange(width) < slots, source[..., None], AUTO)
-    terms = Terms(
-        value=_choose_way(ways.value, taken),
-        present=_choose_way(ways.present, taken),
-        authority=_choose_way(ways.authority, taken[OBJECT]),
-    )
+    value, present = (_choose_way(leaf, taken) for leaf in (ways.value, ways.present))
+    terms = Terms(value, present, _choose_way(ways.authority, taken[OBJECT]))
     num_terms = len(terms.value)
     weights = term_weights(quality, terms.authority, t, num_terms)
     counted = jnp.pad(candidate, ((0, 0), (0, width - slots)), constant_values=True)
@@ -132,19 +128,9 @@ def count_terms(comparison: Comparison) -> Int[Array, "N"]:
     return jnp.sum(present, axis=(0, 2), dtype=jnp.int32)
 
 
-def collapse(
-    channels: ChannelScores, ways: Sequence[Sequence[Rule]], static: Static, t: Similarity
-) -> Terms:
-    """Reduces the banks, then the channels, to terms, in several ways (method.md#visual-score).
-
-    Args:
-      ways: For each way, the rule of each term: OBJECT, BACKGROUND, PARTS, RING_PROTOTYPES.
-
-    Returns:
-      The terms, ways along the first axis.
-    """
-    c = channels
-    of_term = list(zip(*ways, strict=True))
+def collapse(c: ChannelScores, static: Static, t: Similarity) -> Terms:
+    """Reduces the banks, then the channels, to terms, in all ways (method.md#visual-score)."""
+    of_term = list(zip(*_WAYS, strict=True))
     score, takes_stable = _collapse_banks(c.objects, of_term[OBJECT])
     authority = jnp.where(takes_stable, c.authority[1], c.authority[0])
     best = [
@@ -216,7 +202,7 @@ def term_weights(
     quality: Quality,
     authority: Float[Array, "N O"] | None,
     t: Similarity,
-    num_terms: int = NUM_TERMS,
+    num_terms: int,
 ) -> Float[Array, "T N #O"]:
     """Weights of the terms after the quality of observation and prototype (method.md#term-weights).
 

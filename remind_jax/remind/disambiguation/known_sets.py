@@ -118,17 +118,18 @@ def settle_known_sets(
         pending = groups.fits & groups.closed
         order = count_before(pending) + pending
 
-        def solve_next(
-            number: Int[Array, ""], solved: tuple[Int[Array, "N"], GroupOutcome]
-        ) -> tuple[Int[Array, "N"], GroupOutcome]:
+        def solve_next(number: Array, solved: tuple[Array, GroupOutcome]):
             root = jnp.argmax(order == number + 1).astype(jnp.int32)
             group = extract_group(root, undecided, groups, static)
             return _solve_group(
                 root, group, *solved, voters, known_score, relations, edge_table, graph, static, t
             )
 
-        start = nobody, _unsolved(groups, nothing)
-        proposed, outcome = jax.lax.fori_loop(0, order[-1], solve_next, start)
+        # Groups that cannot be solved have their status already.
+        status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
+        status = jnp.where(groups.num_detections > 0, status, GroupStatus.NONE).astype(jnp.int32)
+        unsolved = dataclasses.replace(nothing, status=status, num_detections=groups.num_detections)
+        proposed, outcome = jax.lax.fori_loop(0, order[-1], solve_next, (nobody, unsolved))
         return _conclude(proposed, outcome, undecided, groups, known_score, object_exists)
 
     def skip() -> Settled:
@@ -153,13 +154,6 @@ def _no_outcome(num: int, static: Static, scalar: jnp.dtype) -> GroupOutcome:
         anchor=nobody,
         anchor_place=nobody,
     )
-
-
-def _unsolved(groups: Groups, nothing: GroupOutcome) -> GroupOutcome:
-    """Groups before any is solved; those that cannot be solved have their status already."""
-    status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
-    status = jnp.where(groups.num_detections > 0, status, GroupStatus.NONE).astype(jnp.int32)
-    return dataclasses.replace(nothing, status=status, num_detections=groups.num_detections)
 
 
 def _solve_group(

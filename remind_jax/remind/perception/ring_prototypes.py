@@ -33,15 +33,9 @@ def find_ring_prototypes(
     Weights are the share of each ring patch that is background.
     """
     norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
+    points, seed = features / norm, static.switches.ring_seed
     found = [
-        _describe_ring(
-            features / norm,
-            rings[:, ring],
-            weights[:, ring],
-            static.switches.ring_seed + ring,
-            static,
-            t,
-        )
+        _describe_ring(points, rings[:, ring], weights[:, ring], seed + ring, static, t)
         for ring in range(rings.shape[1])
     ]
     vectors, valid = (jnp.stack(leaves, axis=1) for leaves in zip(*found, strict=True))
