@@ -45,8 +45,17 @@ def assign(
         raise ConfigError(f"solver {solver!r} is unknown; use 'host' or 'jax'")
     out = jax.ShapeDtypeStruct(group.shape, jnp.int32)
     given = (scores, allowed, group, dummy, dummies, allowed if present is None else present)
-    batched = np.vectorize(assign_groups, [np.int32], signature="(n,m),(n,m),(n),(n),(),(n,m)->(n)")
-    return jax.pure_callback(batched, out, *given, vmap_method="broadcast_all")
+    return jax.pure_callback(_assign_batched, out, *given, vmap_method="broadcast_all")
+
+
+def _assign_batched(*given: Array) -> np.ndarray:
+    """`assign_groups` over any leading batch axes."""
+    leaves = [np.asarray(leaf) for leaf in given]
+    group = leaves[2]
+    columns = np.empty(group.shape, np.int32)
+    for index in np.ndindex(group.shape[:-1]):
+        columns[index] = assign_groups(*(leaf[index] for leaf in leaves))
+    return columns
 
 
 def assign_groups(
