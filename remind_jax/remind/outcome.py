@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
@@ -12,13 +14,30 @@ from remind_jax.numerics.ranks import pick_best
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.diagnosis import Evidence
+from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.memory.objects import Objects
 from remind_jax.remind.perception.description import DescribedFrame
+from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import Stages
+from remind_jax.remind.state import TrackerState
 from remind_jax.remind.undecided.settlement import Settlement
 from remind_jax.remind.undecided.temporal import PairTable
 from remind_jax.static import Static
+
+
+@dataclasses.dataclass(frozen=True)
+class Intermediates:
+    """Intermediate results of one step, as they arise."""
+
+    state: TrackerState  # before the frame
+    quality: Quality
+    relations: Relations
+    anchors: Bool[Array, "N O"]
+    table: PairTable
+    assignment: Assignment
+    settlement: Settlement
+    stages: Stages
 
 
 def decide(

@@ -39,11 +39,11 @@ from remind_jax.remind.memory.pending import (
 )
 from remind_jax.remind.memory.prototypes import Bank, keep_rows
 from remind_jax.remind.memory.writing import write_rows
+from remind_jax.remind.outcome import Intermediates
 from remind_jax.remind.perception.description import DescribedFrame
 from remind_jax.remind.stages import Lock, MatchOrigin, Stages
 from remind_jax.remind.state import TrackerState, map_banks, remove_objects
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.trace import Intermediates
 from remind_jax.remind.undecided.provisional_commit import (
     claim_origins,
     find_founders,
@@ -72,9 +72,7 @@ def remember(
     now = state.frame
     is_new = decisions.outcome == Outcome.NEW
 
-    support = support_births(
-        table.pairs.score_known, table.plausible, state.objects, descriptors.class_id, is_new
-    )
+    support = support_births(table, state.objects, descriptors.class_id, is_new)
     support_id = state.objects.id_of(support)
     ended = claim_origins(state.pending, is_new, descriptors.class_id, support_id, t.pending)
     tracks = end_tracks(state.pending, ended)

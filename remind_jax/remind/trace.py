@@ -10,8 +10,6 @@ name, `A` anchors of a closed group, `H` sets of objects, `O` object slots.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -19,19 +17,14 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import pick_best
-from remind_jax.remind.association.assignment import Assignment
-from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import term_weights
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.disambiguation.distance_evidence import tabulate_edges
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS
-from remind_jax.remind.outcome import named_ids
-from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.outcome import Intermediates, named_ids
 from remind_jax.remind.stages import Stages
-from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.undecided.settlement import Settlement
-from remind_jax.remind.undecided.temporal import PairTable, temporal_score, to_mask
+from remind_jax.remind.undecided.temporal import temporal_score, to_mask
 from remind_jax.static import Static
 
 
@@ -121,20 +114,6 @@ class Trace:
     detections: DetectionTrace
     sets: SetTrace
     context: ContextTrace
-
-
-@dataclasses.dataclass(frozen=True)
-class Intermediates:
-    """Intermediate results of one step, as they arise."""
-
-    state: TrackerState  # before the frame
-    quality: Quality
-    relations: Relations
-    anchors: Bool[Array, "N O"]
-    table: PairTable
-    assignment: Assignment
-    settlement: Settlement
-    stages: Stages
 
 
 def collect_trace(intermediates: Intermediates, static: Static, t: Thresholds) -> Trace:

@@ -14,13 +14,14 @@ from remind_jax.remind.association.quality import Quality, assess
 from remind_jax.remind.association.similarity import Comparison, compare, count_terms
 from remind_jax.remind.context.evidence import view_frame
 from remind_jax.remind.context.reasoning import Reasoning, reason
+from remind_jax.remind.outcome import Intermediates
 from remind_jax.remind.outcome import decide as decide_outcomes
 from remind_jax.remind.perception.description import DescribedFrame, describe
 from remind_jax.remind.perception.relations import Relations, observe_relations
 from remind_jax.remind.remember import remember
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.trace import Intermediates, Trace, collect_trace
+from remind_jax.remind.trace import Trace, collect_trace
 from remind_jax.remind.undecided.settlement import settle
 from remind_jax.remind.undecided.temporal import tabulate_pairs
 from remind_jax.static import Static
@@ -45,16 +46,16 @@ def decide(
       Memory after the frame with `decisions` about it, and what they were made of. If the frame
       needs more object slots than there are, only `overflow` is changed.
     """
-    t, descriptors, masks = thresholds.as_arrays(static.scalar), seen.descriptors, seen.masks
+    t = thresholds.as_arrays(static.scalar)
     # How good is each observation?
-    quality = assess(descriptors, t.similarity)
-    relations = observe_relations(masks, t.relations)
+    quality = assess(seen.descriptors, t.similarity)
+    relations = observe_relations(seen.masks, t.relations)
     # How similar is it to each object?
-    comparison = compare(state, descriptors, quality, static, t)
+    comparison = compare(state, seen.descriptors, quality, static, t)
     candidate, score = comparison.candidate, comparison.score
     anchors = find_anchors(score, candidate, t.diagnosis)
     # Which tracks belong together here?
-    view = view_frame(state, anchors, descriptors, masks, t.cooccurrence)
+    view = view_frame(state, anchors, seen, t.cooccurrence)
     reasoning = reason(view, candidate, score, static, t)
     decisions, made_of = decide_pairs(
         state, seen, quality, relations, comparison, anchors, reasoning, static, t

@@ -5,6 +5,8 @@ Letters: `N` rows (detections), `M` columns (objects by rising id).
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -50,7 +52,7 @@ def assign(
 
 def _assign_batched(*given: Array) -> np.ndarray:
     """`assign_groups` over any leading batch axes."""
-    leaves = [np.asarray(leaf) for leaf in given]
+    leaves: list[Any] = [np.asarray(leaf) for leaf in given]
     group = leaves[2]
     columns = np.empty(group.shape, np.int32)
     for index in np.ndindex(group.shape[:-1]):

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pytree import pytree
-from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.memory.cooccurrence import CooccurrenceGraph, conditional
+from remind_jax.remind.perception.description import DescribedFrame
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds.context import Sets
 from remind_jax.remind.thresholds.relations import Cooccurrence
@@ -32,11 +32,7 @@ class FrameView:
 
 
 def view_frame(
-    state: TrackerState,
-    anchors: Bool[Array, "N O"],
-    descriptors: Descriptors,
-    masks: Masks,
-    t: Cooccurrence,
+    state: TrackerState, anchors: Bool[Array, "N O"], seen: DescribedFrame, t: Cooccurrence
 ) -> FrameView:
     """Gathers what the context reads; all objects in memory count, seen in company or not."""
     objects, graph = state.objects, state.cooccurrence
@@ -47,9 +43,9 @@ def view_frame(
         exists=objects.exists,
         object_class=objects.class_id,
         anchors=jnp.any(anchors, axis=0),
-        det_class=descriptors.class_id,
-        det_score=masks.detector_score,
-        det_valid=descriptors.valid,
+        det_class=seen.descriptors.class_id,
+        det_score=seen.masks.detector_score,
+        det_valid=seen.descriptors.valid,
     )
 
 

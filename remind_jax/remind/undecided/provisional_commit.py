@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.control_flow import branch
@@ -21,7 +21,7 @@ from remind_jax.numerics.set_order import iteration_rank
 from remind_jax.remind.memory.objects import Objects, add_objects
 from remind_jax.remind.memory.pending import Items, Kind, PendingTracks, dice
 from remind_jax.remind.thresholds.outcome import Pending
-from remind_jax.remind.undecided.temporal import rank, to_mask
+from remind_jax.remind.undecided.temporal import PairTable, rank, to_mask
 
 
 def reserve_ids(
@@ -66,17 +66,14 @@ def found_reserved(
 
 
 def support_births(
-    score: Float[Array, "N O"],
-    plausible: Bool[Array, "N O"],
-    objects: Objects,
-    class_id: Int[Array, "N"],
-    is_new: Bool[Array, "N"],
+    table: PairTable, objects: Objects, class_id: Int[Array, "N"], is_new: Bool[Array, "N"]
 ) -> Int[Array, "N K"]:
     """The best known objects that speak for each new detection (method.md#birth-origins).
 
     Which of equals are named follows the order of the original's set of a class
     (method.md#set-order); without any evidence all are equal.
     """
+    score, plausible = table.pairs.score_known, table.plausible
     by_id, _ = rank(score, plausible)
     (last,) = pick_in_rows(by_id[:, -1], score)
     equal, named = plausible & (score == last[:, None]), to_mask(by_id, score.shape[1])

@@ -82,10 +82,8 @@ def settle(
     turns = jnp.arange(static.switches.max_passes, dtype=jnp.int32)
     open_, (asked, answers) = jax.lax.scan(reconcile, open_, turns)
     undecided = open_.entries.present | open_.doubts.present
-    second = withdraw_second_claims(
-        table, jnp.where(undecided, NO_SLOT, open_.slot), open_.score,
-        table.thresholds.matching.one_detection_each, table.thresholds.ambiguous.max_candidates,
-    )  # fmt: skip
+    claimed = jnp.where(undecided, NO_SLOT, open_.slot)
+    second = withdraw_second_claims(table, claimed, open_.score)
     entries = prefer(open_.entries, second)
     undecided = undecided | second.present
     return Settlement(
