@@ -50,20 +50,12 @@ class TraceArchive(Generic[Record]):
         self._labels = {**labels, **self._labels}
 
     def frame(self, frame_index: int) -> Record | None:
-        """The record of a frame; None if the run has no such frame.
-
-        Raises:
-          OutputError: If the file is damaged.
-        """
+        """A frame's record, None without one. Raises OutputError if the file is damaged."""
         self._read()
         return self._frames.get(frame_index)
 
     def frames(self) -> list[tuple[int, Record]]:
-        """Every frame's number and record, in their order.
-
-        Raises:
-          OutputError: If the file is damaged.
-        """
+        """Number and record of every frame in turn. Raises OutputError if the file is damaged."""
         self._read()
         return sorted(self._frames.items(), key=lambda frame: frame[0])
 

@@ -26,11 +26,7 @@ class Explainer(abc.ABC, Generic[Record]):
     def __init__(
         self, archive: TraceArchive[Record], tracks: Sequence[Tracks], config: Mapping[str, Any]
     ) -> None:
-        """Takes what a run left behind.
-
-        Raises:
-          ConfigError: If this version does not know the tracker.
-        """
+        """Takes what a run left behind. Raises ConfigError if its tracker is unknown here."""
         self._archive = archive
         self._tracks = tracks
         # No sentence names a setting that is gone since the run.

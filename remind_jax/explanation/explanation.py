@@ -102,10 +102,12 @@ class Explanation(abc.ABC):
 _kinds = functools.cache(get_type_hints)
 
 
-def read_row(record: type[Read], table: Any, at: Any, **others: Any) -> Read:
-    """A record of the columns of a table that are called as its fields, and of others."""
-    columns = {name: kind for name, kind in _kinds(record).items() if name not in others}
-    found = {name: kind(getattr(table, name)[at].item()) for name, kind in columns.items()}
+def read_row(record: type[Read], at: Any, *tables: Any, **others: Any) -> Read:
+    """A record of the columns that are called as its fields, of the first table that has each."""
+    kinds, found = _kinds(record), {}
+    for name in {field.name for field in dataclasses.fields(record)} - set(others):  # pyright: ignore[reportArgumentType]
+        column = next(getattr(table, name) for table in tables if hasattr(table, name))
+        found[name] = kinds[name](column[at].item())
     return record(**found, **others)
 
 

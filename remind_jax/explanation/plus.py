@@ -10,14 +10,14 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import cast
 
-import jax
 import numpy as np
 from jaxtyping import Array, Int
 
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.explanation.archive import first_rows
 from remind_jax.explanation.explainer import Explainer
-from remind_jax.explanation.explanation import Explanation, Section, id_or_none
+from remind_jax.explanation.explanation import Explanation, Section, id_or_none, read_row
+from remind_jax.numerics.pytree import pytree
 from remind_jax.plus.answers import SMALL
 from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.thresholds import PlusThresholds
@@ -84,8 +84,7 @@ class PlusExplanation(Explanation):
         yield Section("candidates, evidence in log odds", (), heads, tuple(rows), ends)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PlusRecord:
     """What the decisions of one frame were made of; NumPy arrays without padding rows."""
 
@@ -108,29 +107,26 @@ class PlusExplainer(Explainer[PlusRecord]):
 
     def _explain(self, record: PlusRecord, tracks: Tracks, row: int) -> PlusExplanation:
         v, label = record.verdicts, tracks.labels[row]
-        stage = Stage(int(v.stage[row]))
-        is_open = stage == Stage.OPEN
+        is_open = v.stage[row] == Stage.OPEN
         candidates = _candidates(v, row, label, tracks.names)
         known = sum(candidate.probability for candidate in candidates)
-        explanation = PlusExplanation(
+        explanation = read_row(
+            PlusExplanation,
+            row,
+            tracks,
+            v,
             frame=tracks.frame_index,
             time_s=float(tracks.time_s),
             frame_name=tracks.name,
             detection=row,
             label=label,
             name=tracks.display_name(row),
-            outcome=Outcome(int(tracks.outcome[row])),
-            reason=Reason(int(tracks.reason[row])),
             object_id=id_or_none(tracks.object_id[row]),
             decided_at=self._decided_at.get(int(v.tracklet_id[row])),
             confidence=tracks.shown_confidence(row),
             id_without_delay=id_or_none(record.object_id[row]),
-            stage=stage,
             tracklet_id=id_or_none(v.tracklet_id[row]),
-            age=int(v.age[row]),
-            is_decided=bool(v.is_decided[row]),
             answer_id=id_or_none(v.answer_id[row]),
-            probability=float(v.probability[row]),
             margin=float(v.margin[row]) if is_open and candidates else None,
             new_log_odds=float(v.new_odds[row]) if is_open else None,
             new_probability=max(0.0, 1.0 - known) if is_open else None,

@@ -18,9 +18,8 @@ def find_doubles(
 ) -> Bool[np.ndarray, "N"]:
     """Detections that overlap a better one of their class: two masks of one thing.
 
-    Args:
-      scores: Detector score of each; of equal ones the first is better.
-      least_overlap: Intersection over union from which on two are one thing; 0: none is.
+    Of equal scores the first is better. From the intersection over union `least_overlap` on two are
+    one thing; 0: none is.
     """
     doubles = np.zeros(len(masks), bool)
     if not least_overlap:

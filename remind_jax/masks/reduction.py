@@ -41,7 +41,6 @@ def reduce_masks(
     An empty mask, or one that erosion leaves empty, gives an invalid slot: it is no detection.
 
     Args:
-      num_slots: Slots of the result, at least the number of masks.
       patch_px: Side of a patch in pixels; pixels beyond the last whole patch do not count.
       sanitize: How concave masks are filled before the background around them is looked at
         (method.md#filled-mask).
@@ -55,9 +54,6 @@ def reduce_masks(
       scale_min_px: Least length that gaps between masks are measured in.
       exact_gap_max: Gaps up to this many lengths are measured between the masks themselves; None:
         no gap is measured, and nothing goes by the square of the masks.
-
-    Returns:
-      Masks of NumPy arrays.
     """
     crops = Crops.of(masks).eroded(erosion_px, margin_px=0)
     num, height_px, width_px = crops.shape

@@ -41,13 +41,9 @@ def relate_masks(
         beyond the masks are not read.
       areas: Pixels of the masks, likewise; empty masks have no exact gap.
       ends: What `find_row_ends` gives of every mask; an empty one has none.
-      num_slots: Slots of the result, at least the number of masks.
       scale_min_px: Least length that gaps are compared with, see `thresholds.relations`.
       exact_gap_max: Pairs whose boxes are at most this many lengths apart are measured exactly.
         A sweep over the threshold of this name needs its largest value here. None: no gaps.
-
-    Returns:
-      MaskRelations of NumPy arrays.
     """
     num = len(masks)
     boxes, areas = np.asarray(boxes, np.float64)[:num], np.asarray(areas, np.float64)[:num]

@@ -59,11 +59,7 @@ def encode_label_map(labels: Integer[np.ndarray, "H W"]) -> dict[int, Rle]:
 
 
 def encode_polygon(corners: Float[np.ndarray, "P 2"], frame_size: tuple[int, int]) -> Rle:
-    """The pixels of a polygon by the rule of COCO.
-
-    Args:
-      corners: Column and row in pixels, finite; a polygon has three or more.
-    """
+    """The pixels of a polygon by the rule of COCO, from three or more finite corners `x, y`."""
     height, width = frame_size
     # Corners far outside of the frame change nothing inside but take time and memory.
     near = np.clip(corners, [-4.0 * width, -4.0 * height], [5.0 * width, 5.0 * height])

@@ -19,6 +19,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
+from remind_jax.numerics.pytree import choose
 from remind_jax.numerics.slices import give_axis, put_slice, take_slice
 
 T = TypeVar("T")
@@ -198,11 +199,7 @@ def _choose_mapped(axis_size, in_batched, pred, then, otherwise):
         for side, side_batched in zip((then, otherwise), sides_batched, strict=True)
     )
     if pred_batched:
-        chosen = jax.vmap(
-            lambda pred, then, otherwise: jax.tree.map(
-                lambda new, old: jnp.where(pred, new, old), then, otherwise
-            )
-        )(pred, then, otherwise)
+        chosen = choose(pred, then, otherwise)
     else:
         chosen = _choose_in_batch(pred, then, otherwise)
     return chosen, jax.tree.map(lambda _: True, chosen)

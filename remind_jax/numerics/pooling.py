@@ -26,14 +26,7 @@ def dot(left: Float[Array, "... I D"], right: Float[Array, "... J D"]) -> Float[
 def pool(
     weights: Float[Array, "... P"], features: Float[Array, "P D"]
 ) -> tuple[Float[Array, "... D"], Bool[Array, "..."]]:
-    """Averages patch features over the patches of a region.
-
-    Args:
-      weights: Weight of each patch, 0 outside the region.
-
-    Returns:
-      The weighted mean (zero for an empty region) and whether the region holds any weight.
-    """
+    """Weighted mean of the features of a region, zero if it is empty, and whether it is not."""
     total = jnp.sum(weights, axis=-1)
     present = total > TINY
     sums = jnp.einsum("...p,pd->...d", weights, features, precision="highest")

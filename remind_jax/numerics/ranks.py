@@ -13,6 +13,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.reductions import reduce_together
 
 
@@ -45,9 +46,46 @@ def largest(
 ) -> tuple[Shaped[Array, "..."], Int[Array, "..."]]:
     """Largest value along an axis and its place, the first among equals; NaN is none.
 
-    One reduction finds both, where a maximum and its place would take one each.
+    Two quick reductions: on a CPU one of pairs, such as `jnp.argmax`, takes ten times as long.
     """
-    return reduce_together(("top", values), axis=axis)[0]
+    if jnp.issubdtype(values.dtype, jnp.floating):
+        values = jnp.where(jnp.isnan(values), -jnp.inf, values)
+    top, size = jnp.max(values, axis=axis, keepdims=True), values.shape[axis]
+    place = lax.broadcasted_iota(jnp.int32, values.shape, axis % values.ndim)
+    first = jnp.min(jnp.where(values == top, place, size), axis=axis)
+    return jnp.squeeze(top, axis), first
+
+
+def rank_two(
+    values: Float[Array, "*B K"], among: Bool[Array, "*B K"]
+) -> tuple[Int[Array, "*B"], Float[Array, "*B"], Float[Array, "*B"], Int[Array, "*B"]]:
+    """Place of the largest value that counts, that value, the second largest, and how many count.
+
+    The first among equals; a value that there is not is 0.
+    """
+    masked = jnp.where(among, values, -jnp.inf)
+    top, best = largest(masked)
+    rest = jnp.where(jnp.arange(values.shape[-1]) == best[..., None], -jnp.inf, masked)
+    second, number = reduce_together(("max", rest), ("sum", among), axis=-1)
+    finite = lambda x: jnp.where(jnp.isfinite(x), x, 0.0)  # noqa: E731
+    return best, finite(top), finite(second), number
+
+
+def pick_best(
+    values: Float[Array, "*B K"], among: Bool[Array, "*B K"], most: int, later_first: bool = False
+) -> tuple[Int[Array, "*B M"], Float[Array, "*B M"]]:
+    """Places and values of the largest finite entries that count, NO_SLOT and 0 behind them.
+
+    Of equals the first one, with `later_first` the last one is first.
+    """
+    num = values.shape[-1]
+    masked, shown = jnp.where(among, values, -jnp.inf), min(most, num)
+    top, place = lax.top_k(masked[..., ::-1] if later_first else masked, shown)
+    real = jnp.isfinite(top)
+    place = jnp.where(real, num - 1 - place if later_first else place, NO_SLOT).astype(jnp.int32)
+    lacking = (*((0, 0),) * (values.ndim - 1), (0, most - shown))
+    top = jnp.pad(jnp.where(real, top, 0.0), lacking)
+    return jnp.pad(place, lacking, constant_values=NO_SLOT), top
 
 
 def first_largest(

@@ -24,17 +24,6 @@ def connect(linked: Bool[Array, "N N"]) -> Bool[Array, "N N"]:
     return jax.lax.fori_loop(0, max(1, (num - 1).bit_length()), square, near) > 0
 
 
-def first_largest(values: Shaped[Array, "..."], axis: int = -1) -> Int[Array, "..."]:
-    """Place of the largest value along an axis, the first among equals; NaN is none.
-
-    Two quick reductions: on a CPU `jnp.argmax` is one that takes ten times as long.
-    """
-    last = values.shape[axis] - 1
-    place = lax.broadcasted_iota(jnp.int32, values.shape, axis % values.ndim)
-    is_largest = values == jnp.max(values, axis=axis, keepdims=True)
-    return jnp.min(jnp.where(is_largest, place, last), axis=axis)
-
-
 Kind = Literal["sum", "max", "min", "any", "all", "top"]
 
 _COMBINE: dict[str, Callable[[Array, Array], Array]] = {

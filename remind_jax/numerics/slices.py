@@ -53,17 +53,14 @@ def take_slice(
 
 
 def put_slice(
-    array: Shaped[Array, "..."],
-    rows: Shaped[Array, "..."],
-    start: Int[Array, ""] | int,
-    axis: int = 0,
+    array: Shaped[Array, "..."], rows: Shaped[Array, "..."], start: Int[Array, ""] | int
 ) -> Shaped[Array, "..."]:
-    """The array with some rows along an axis replaced, from `start` on."""
+    """The array with some rows replaced, from `start` on."""
 
     def put(axis: int, array: Array, rows: Array, start: Array) -> Array:
         return jax.lax.dynamic_update_slice_in_dim(array, rows, start, axis)
 
-    return _share_place(put, axis, array, rows, start)
+    return _share_place(put, 0, array, rows, start)
 
 
 def _share_place(function: Callable[..., Array], axis: int, *given: Array | int) -> Array:

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot, to_unit
-from remind_jax.numerics.reductions import first_largest
+from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import least_seen, name_odds
 from remind_jax.plus.observation import Sightings
@@ -91,7 +91,7 @@ def find_doubles(
     cropped &= name_odds(names, names, confused) > least_seen(t)
     cropped &= ~linked[:, None] & linked
     stays = renamed & (same | cropped)
-    return jnp.where(jnp.any(stays, axis=1), first_largest(stays), NO_SLOT)
+    return jnp.where(jnp.any(stays, axis=1), largest(stays)[1], NO_SLOT)
 
 
 def cropped_overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:

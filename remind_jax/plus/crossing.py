@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.numerics.reductions import first_largest
+from remind_jax.numerics.ranks import largest
 from remind_jax.plus.clock import tick_of
 from remind_jax.plus.observation import Motion
 from remind_jax.plus.own_movement import LEAST_MOVES
@@ -78,14 +78,14 @@ def follow_courses(
     shared = jnp.where(here.alive[:, None] & waiting.alive, shared / jnp.maximum(least, 1e-6), 0.0)
     shared = jnp.where(here.class_id[:, None] == waiting.class_id, shared, 0.0)
     share = jnp.concatenate([jnp.max(shared, axis=1), jnp.max(shared, axis=0)])
-    hidden, hiding = waiting.id[first_largest(shared, 1)], here.id[first_largest(shared, 0)]
+    hidden, hiding = waiting.id[largest(shared, 1)[1]], here.id[largest(shared, 0)[1]]
     is_old = jnp.pad(linked, (0, len(met) - num), constant_values=True)
     meets = (share > LEAST_SHARED) & ((met > 0) | (tracklets.num_moves >= LEAST_MOVES))
     met_id = jnp.where(meets, jnp.concatenate([hidden, hiding]), tracklets.met_id)
     # One that waits stays met as long as it waits.
     is_other = (here.met_id[:, None] == tracklets.id) & tracklets.alive
     around = box + MARGIN * tracklets.size[:, None] * jnp.array([-1.0, -1.0, 1.0, 1.0])
-    other = around[first_largest(is_other)]
+    other = around[largest(is_other)[1]]
     near = jnp.any(is_other, axis=1) & (area_of(common_box(around[:num], other)) > 0)
     stays = (met > 0) & jnp.pad(near, (0, len(met) - num), constant_values=True)
     is_met = tracklets.alive & is_old & (meets | stays) & (met < MOST_TICKS)

@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import fill_blocks
 from remind_jax.numerics.pooling import dot, to_unit
-from remind_jax.numerics.reductions import first_largest
+from remind_jax.numerics.ranks import largest
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import name_row
@@ -298,7 +298,7 @@ def _lead_evidence(
     comparable = exists & (names > SAME_CLASS)
     of_class = jnp.where(comparable, looks, -jnp.inf)
     best = jnp.max(of_class, axis=1, keepdims=True)
-    is_best = jnp.arange(len(exists)) == first_largest(of_class)[:, None]
+    is_best = jnp.arange(len(exists)) == largest(of_class)[1][:, None]
     second = jnp.max(jnp.where(is_best, -jnp.inf, of_class), axis=1, keepdims=True)
     enough = jnp.sum(comparable, axis=1, keepdims=True) > LEAD_RIVALS
     lead = jnp.where(enough, best - second, 0.0)

@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import count_up, fill_blocks
 from remind_jax.numerics.pooling import dot
-from remind_jax.numerics.reductions import first_largest
+from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import name_row, vote
 from remind_jax.plus.decision import Choice
@@ -244,7 +244,7 @@ def _keep_look(
     count = banks.counts[row]
     cosine = adjust_cosine(scene, dot(banks.white[row], whiten(scene, look - offset)[None])[:, 0])
     # A free place is taken by what is nowhere nearer than the novel may be.
-    at = first_largest(jnp.where(count > 0, cosine, t.novel))
+    at = largest(jnp.where(count > 0, cosine, t.novel))[1]
     is_joined = (jnp.arange(len(count)) == at) & (count > 0)
     num = jnp.sum(jnp.where(is_joined, count, 0))
     old = jnp.sum(jnp.where(is_joined[:, None], banks.look[row], 0.0), axis=0)

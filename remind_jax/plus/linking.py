@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot
-from remind_jax.numerics.reductions import first_largest
+from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
@@ -196,7 +196,7 @@ def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
     alone, one_group = jnp.full(num, t.least), jnp.zeros(num, jnp.int32)
     others = possible & ~clear
     found = assign_in_graph(links.score, others, one_group, alone, jnp.array(True))
-    return jnp.where(jnp.any(clear, axis=1), first_largest(clear), found)
+    return jnp.where(jnp.any(clear, axis=1), largest(clear)[1], found)
 
 
 def trust_links(

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from remind_jax.numerics.reductions import first_largest
+from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.clock import tick_of
 from remind_jax.plus.linking import Links, carry, score_links
@@ -71,7 +71,7 @@ def check_motion(
     margin = jnp.where(believed, CHECK_MARGIN * num, 0.0)
     options = jax.tree.map(lambda *leaves: jnp.stack(leaves), motion, still, implied)
     supports = jax.vmap(support)(options) + jnp.stack([margin, 0.0, 0.0])
-    best = jnp.where(t.motion.checked, first_largest(supports), 0)
+    best = jnp.where(t.motion.checked, largest(supports)[1], 0)
     chosen = jax.tree.map(lambda leaf: leaf[best], options)
     return chosen, follow(chosen)
 
@@ -85,12 +85,12 @@ def imply_motion(
     possible = sightings.valid[:, None] & (tracklets.alive & tracklets.just_seen)[None]
     possible &= sightings.class_id[:, None] == tracklets.class_id[None]
     likeness = jnp.where(possible, cosine, -jnp.inf)
-    partner = first_largest(likeness)
+    partner = largest(likeness)[1]
     paired = jnp.max(likeness, axis=1) > -jnp.inf
     shift = jnp.where(paired[:, None], sightings.center - tracklets.center[partner], 0.0)
     agrees = _within(shift, shift, AGREEMENT) & paired[None, :] & paired[:, None]
     votes = jnp.sum(agrees, axis=1)
-    most = first_largest(votes)
+    most = largest(votes)[1]
     chosen, num = agrees[most], votes[most].astype(jnp.float32)
     mean = jnp.sum(jnp.where(chosen[:, None], shift, 0.0), axis=0) / jnp.maximum(num, 1.0)
     enough = num >= AGREEMENT_LEAST

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from typing import Any
 
@@ -55,32 +56,24 @@ def _of_objects(state: TrackerState, now: int) -> Iterator[str]:
 
 
 def _of_pending(state: TrackerState) -> Iterator[str]:
-    pending = state.pending
+    pending, last_id = state.pending, max(int(state.next_id) - 1, NO_ID)
     used = np.asarray(pending.kind) != Kind.FREE
     yield from outside("pending.kind", pending.kind, Kind.FREE, max(Kind))
-    yield from outside("pending.id", pending.id, 0, where=used)
-    yield from outside("pending.hits", pending.hits, 0, where=used)
-    yield from outside("pending.area", pending.area, 0, where=used)
-    last_id = int(state.next_id) - 1
-    yield from outside(
-        "pending.known_id", pending.known_id, NO_ID, max(last_id, NO_ID), used[:, None]
-    )
+    for name in ("id", "hits", "area"):
+        yield from outside(f"pending.{name}", getattr(pending, name), 0, where=used)
+    yield from outside("pending.known_id", pending.known_id, NO_ID, last_id, used[:, None])
     yield from outside("pending.next_id", pending.next_id, 0)
 
 
 def _of_graphs(state: TrackerState, now: int) -> Iterator[str]:
     company, distances = state.cooccurrence, state.distances
-    yield from outside("cooccurrence.episodes", company.episodes, 0)
-    yield from outside("cooccurrence.last_episode", company.last_episode, NEVER, max(now, NEVER))
-    yield from outside("cooccurrence.pending_hits", company.pending_hits, 0)
-    yield from outside("cooccurrence.count", company.count, 0)
-    yield from outside("cooccurrence.weight", company.weight, 0)
-    yield from outside("cooccurrence.edge_time", company.edge_time, NEVER, max(now, NEVER))
+    for name in ("episodes", "pending_hits", "count", "weight"):
+        yield from outside(f"cooccurrence.{name}", getattr(company, name), 0)
+    for name in ("last_episode", "edge_time"):
+        yield from outside(f"cooccurrence.{name}", getattr(company, name), NEVER, max(now, NEVER))
     yield from outside("distances.pending.kind", distances.pending.kind, 0, 2 * len(Contact) - 1)
-    yield from outside("distances.pending.count", distances.pending.count, 0)
-    yield from outside("distances.edges.contact_count", distances.edges.contact_count, 0)
-    yield from outside("distances.edges.gap_count", distances.edges.gap_count, 0)
-    yield from outside("distances.nearer", distances.nearer, 0)
+    for name in ("pending.count", "edges.contact_count", "edges.gap_count", "nearer"):
+        yield from outside(f"distances.{name}", operator.attrgetter(name)(distances), 0)
 
 
 def _of_bank(name: str, bank: Any, now: int) -> Iterator[str]:
@@ -90,11 +83,10 @@ def _of_bank(name: str, bank: Any, now: int) -> Iterator[str]:
     yield from outside(f"{name}.size", size, 0, num_slots)
     used = np.arange(num_slots) < size[..., None]
     yield from not_unit(f"{name}.embedding", bank.embedding, used)
-    yield from outside(f"{name}.hits", bank.hits, 0, where=used)
     yield from outside(f"{name}.last_seen", bank.last_seen, NEVER, max(now, NEVER), used)
     yield from outside(f"{name}.quality_recent", bank.quality_recent, 0, 1, used)
-    yield from outside(f"{name}.quality_sum", bank.quality_sum, 0, where=used)
-    yield from outside(f"{name}.num_qualities", bank.num_qualities, 0, where=used)
+    for leaf in ("hits", "quality_sum", "num_qualities"):
+        yield from outside(f"{name}.{leaf}", getattr(bank, leaf), 0, where=used)
 
 
 # What a memory takes (docs/performance.md#crowds).

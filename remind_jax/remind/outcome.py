@@ -2,29 +2,47 @@
 
 from __future__ import annotations
 
-import jax
+import dataclasses
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.decision import Decisions, Outcome, Reason, Status
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.columns import columns
+from remind_jax.numerics.ranks import pick_best
 from remind_jax.numerics.row_lookup import look_up_in_rows
-from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.diagnosis import Evidence
+from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.memory.objects import Objects
+from remind_jax.remind.perception.description import DescribedFrame
+from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import Stages
+from remind_jax.remind.state import TrackerState
 from remind_jax.remind.undecided.settlement import Settlement
 from remind_jax.remind.undecided.temporal import PairTable
 from remind_jax.static import Static
 
 
+@dataclasses.dataclass(frozen=True)
+class Intermediates:
+    """Intermediate results of one step, as they arise."""
+
+    state: TrackerState  # before the frame
+    quality: Quality
+    relations: Relations
+    anchors: Bool[Array, "N O"]
+    table: PairTable
+    assignment: Assignment
+    settlement: Settlement
+    stages: Stages
+
+
 def decide(
     objects: Objects,
-    masks: Masks,
-    descriptors: Descriptors,
+    seen: DescribedFrame,
     table: PairTable,
     anchors: Bool[Array, "N O"],
     evidence: Evidence,
@@ -34,6 +52,7 @@ def decide(
     static: Static,
 ) -> tuple[Decisions, Stages]:
     """Writes down the decisions; memory fills in the ids of new objects and pending tracks."""
+    descriptors, masks = seen.descriptors, seen.masks
     outcome, reason, score = _verdicts(settlement)
     usable = descriptors.valid
     given = jnp.where(masks.valid, Outcome.DROPPED, Outcome.EMPTY)
@@ -125,9 +144,5 @@ def rank_candidates(
     objects: Objects, comparison: Comparison, num_shown: int
 ) -> tuple[Int[Array, "N C"], Int[Array, "N C"]]:
     """The ids of the visually best candidates, by falling score and rising id, and their slots."""
-    masked = jnp.where(comparison.candidate, comparison.score, -jnp.inf)
-    shown = min(num_shown, masked.shape[1])
-    top, rows = jax.lax.top_k(masked, shown)
-    ids = jnp.where(jnp.isfinite(top), objects.id[rows], NO_ID)
-    lacking = ((0, 0), (0, num_shown - shown))
-    return jnp.pad(ids, lacking, constant_values=NO_ID), jnp.pad(rows, lacking)
+    rows, _ = pick_best(comparison.score, comparison.candidate, num_shown)
+    return objects.id_of(rows), jnp.maximum(rows, 0)

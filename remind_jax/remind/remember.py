@@ -16,8 +16,9 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.decision import Decisions, Outcome, Overflow, Reason, Status
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.control_flow import repeat
+from remind_jax.numerics.pytree import choose
 from remind_jax.numerics.ranks import rank_rising
-from remind_jax.observation import Descriptors, Masks
+from remind_jax.observation import Descriptors
 from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.channels import CHANNELS
 from remind_jax.remind.memory.cooccurrence import gather_sightings, update_cooccurrence
@@ -38,7 +39,8 @@ from remind_jax.remind.memory.pending import (
 )
 from remind_jax.remind.memory.prototypes import Bank, keep_rows
 from remind_jax.remind.memory.writing import write_rows
-from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.outcome import Intermediates
+from remind_jax.remind.perception.description import DescribedFrame
 from remind_jax.remind.stages import Lock, MatchOrigin, Stages
 from remind_jax.remind.state import TrackerState, map_banks, remove_objects
 from remind_jax.remind.thresholds import Thresholds
@@ -46,6 +48,7 @@ from remind_jax.remind.undecided.provisional_commit import (
     claim_origins,
     find_founders,
     found_reserved,
+    support_births,
 )
 from remind_jax.remind.undecided.settlement import Settlement
 from remind_jax.static import Static
@@ -53,34 +56,29 @@ from remind_jax.static import Static
 
 def remember(
     state: TrackerState,
+    seen: DescribedFrame,
     decisions: Decisions,
-    stages: Stages,
-    settlement: Settlement,
-    birth_support: Int[Array, "N K"],
-    pending_score: Array,
-    descriptors: Descriptors,
-    masks: Masks,
-    relations: Relations,
+    made_of: Intermediates,
     static: Static,
     t: Thresholds,
 ) -> TrackerState:
-    """Writes the outcome of a frame into memory.
+    """Writes a frame into memory, and the ids of what is new into its decisions.
 
     If new objects or pending tracks do not fit, nothing is written but `overflow`.
-
-    Args:
-      decisions: Outcomes; ids of new objects and of pending tracks are filled in here.
-      birth_support: Slots of known objects that speak for a new detection, -1 padding.
     """
+    descriptors, table = seen.descriptors, made_of.table
+    stages, settlement = made_of.stages, made_of.settlement
     slots, num_pending = static.num_objects, static.num_pending
     now = state.frame
     is_new = decisions.outcome == Outcome.NEW
 
-    support_id = state.objects.id_of(birth_support)
+    support = support_births(table, state.objects, descriptors.class_id, is_new)
+    support_id = state.objects.id_of(support)
     ended = claim_origins(state.pending, is_new, descriptors.class_id, support_id, t.pending)
     tracks = end_tracks(state.pending, ended)
-    items = _undecided(decisions, settlement, descriptors, masks, t)
-    joined = join_tracks(tracks, items, pending_score, t.pending, solver=static.solver)
+    items = _undecided(decisions, settlement, seen, t)
+    likeness = table.comparison.pending_score
+    joined = join_tracks(tracks, items, likeness, t.pending, solver=static.solver)
     pending_slot, needed_pending = open_tracks(tracks, items, joined)
 
     num_new = jnp.sum(is_new, dtype=jnp.int32)
@@ -106,7 +104,7 @@ def remember(
     in_track = items.kind != Kind.FREE
     pending_slot = jnp.where(fits & in_track, pending_slot, num_pending)
     written = write_tracks(tracks, items, pending_slot, joined)
-    tracks = jax.tree.map(lambda new, old: jnp.where(fits, new, old), written, state.pending)
+    tracks = choose(fits, written, state.pending)
     decisions = dataclasses.replace(
         decisions,
         object_id=jnp.where(
@@ -134,7 +132,9 @@ def remember(
     cooccurrence, accepted = update_cooccurrence(
         state.cooccurrence, sightings, objects.id, now, static, t.cooccurrence
     )
-    distances = update_distances(state.distances, relations, sightings, accepted, t.relations)
+    distances = update_distances(
+        state.distances, made_of.relations, sightings, accepted, t.relations
+    )
     kept = jnp.concatenate([jnp.ones(slots, bool), ~(ended & fits)])
     cleared = map_banks(state, lambda _, banks: keep_rows(banks, kept))
     updated = dataclasses.replace(
@@ -161,11 +161,7 @@ def _count(slot: Int[Array, "2 N"], slots: int) -> Int[Array, "O"]:
 
 
 def _undecided(
-    decisions: Decisions,
-    settlement: Settlement,
-    descriptors: Descriptors,
-    masks: Masks,
-    t: Thresholds,
+    decisions: Decisions, settlement: Settlement, seen: DescribedFrame, t: Thresholds
 ) -> Items:
     """The detections that go to pending tracks."""
     doubts, outcome = settlement.doubts, decisions.outcome
@@ -176,12 +172,12 @@ def _undecided(
     kind = jnp.where(provisional, Kind.PROVISIONAL, kind)
     return Items.begun(
         kind=kind.astype(jnp.int32),
-        class_id=descriptors.class_id,
+        class_id=seen.descriptors.class_id,
         known_id=decisions.option_id,
         known_score=decisions.option_score,
         from_parent=doubts.reason == Reason.UNCERTAIN_PARENT,
-        center=masks.center,
-        area=masks.area,
+        center=seen.masks.center,
+        area=seen.masks.area,
     )
 
 
@@ -213,10 +209,7 @@ def _decided_rank(
 def gate_updates(
     decisions: Decisions, stages: Stages, t: Thresholds
 ) -> tuple[Bool[Array, "N"], Permit]:
-    """How freely each detection may change memory; new objects always may.
-
-    Rule: method.md#update-permit.
-    """
+    """How freely each detection changes memory; new ones always may (method.md#update-permit)."""
     status = stages.status_final
     gated = t.update.gated & (decisions.outcome == Outcome.MATCH)
     weak, ambiguous = status == Status.WEAK, status == Status.AMBIGUOUS
@@ -249,15 +242,8 @@ def _update_banks(
         done = done & jnp.stack([jnp.ones(num, bool), ~done[0]])
         at = jnp.minimum(turn, none - 1)
         seen = {
-            name: CHANNELS[name](
-                jax.tree.map(lambda leaf: leaf[:, :, at], banks),
-                descriptors,
-                permit,
-                now,
-                static,
-                t,
-            )
-            for name, banks in kinds.items()
+            name: CHANNELS[name](banks, descriptors, permit, now, static, t)
+            for name, banks in jax.tree.map(lambda leaf: leaf[:, :, at], kinds).items()
         }
         return jnp.where(done, none, rows), write_rows(kinds, turn, seen, axis=2)
 

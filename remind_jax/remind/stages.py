@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 
-import jax
 from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.numerics.pytree import pytree
 
 
 class Lock(enum.IntEnum):
@@ -28,8 +28,7 @@ class MatchOrigin(enum.IntEnum):
     DISTANCE_PARTIAL_POSTCREATE = 5
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Stages:
     """By detection; `C` are the candidates of its `Decisions`."""
 

@@ -20,6 +20,7 @@ from remind_jax.errors import ConfigError
 from remind_jax.method import extend
 from remind_jax.numerics.absent import NEVER, NO_ID
 from remind_jax.numerics.constant_arrays import full, number
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.memory.cooccurrence import (
     CooccurrenceGraph,
     empty_cooccurrence,
@@ -36,8 +37,7 @@ NUM_RINGS = 2
 BANKS = ("wholes", "parts", "ring_prototypes")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class TrackerState:
     """Everything that one frame hands to the next, and the decisions of the last frame."""
 
@@ -66,23 +66,21 @@ class TrackerState:
 
 
 def init(static: Static) -> TrackerState:
-    """The empty memory with the capacities of `static`.
-
-    Raises:
-      ConfigError: If it is no `Static`.
-    """
+    """The empty memory with the capacities of `static`. Raises ConfigError if it is no `Static`."""
     if not isinstance(static, Static):
         raise ConfigError(f"static is of type {type(static).__name__}; give a remind_jax.Static")
-    objects, scalar, dim = static.num_objects, static.scalar, static.feature_dim
+    s, objects, scalar = static.switches, static.num_objects, static.scalar
 
     def banks(channels: int, *capacities: tuple[int, int]) -> Bank:
         """All banks of a kind share one shape; capacities are kept by the updates."""
-        slots = max(max(capacity) for capacity in capacities)
-        return empty_bank((2, channels, objects + static.num_pending), slots, dim, scalar)
+        slots, rows = max(map(max, capacities)), objects + static.num_pending
+        return empty_bank((2, channels, rows), slots, static.feature_dim, scalar)
 
     def column(value: int) -> Array:
         return full(objects, int(value), np.int32)
 
+    all_of_whole = s.appearance_slots, s.inner_ring_slots, s.outer_ring_slots
+    of_patches = s.inner_prototype_slots, s.outer_prototype_slots
     empty = TrackerState(
         objects=Objects(
             id=column(NO_ID),
@@ -95,23 +93,10 @@ def init(static: Static) -> TrackerState:
         ),
         pending=no_pending(static.num_pending, scalar),
         cooccurrence=empty_cooccurrence(objects, scalar),
-        distances=empty_distances(objects, scalar, static.switches.pending_relations),
-        wholes=banks(
-            NUM_APPEARANCE_CHANNELS + NUM_RINGS,
-            static.switches.appearance_slots,
-            static.switches.inner_ring_slots,
-            static.switches.outer_ring_slots,
-        ),
-        parts=banks(len(static.switches.part_channels), static.switches.part_slots),
-        ring_prototypes=(
-            banks(
-                NUM_RINGS,
-                static.switches.inner_prototype_slots,
-                static.switches.outer_prototype_slots,
-            )
-            if static.switches.ring_prototypes
-            else None
-        ),
+        distances=empty_distances(objects, scalar, s.pending_relations),
+        wholes=banks(NUM_APPEARANCE_CHANNELS + NUM_RINGS, *all_of_whole),
+        parts=banks(len(s.part_channels), s.part_slots),
+        ring_prototypes=banks(NUM_RINGS, *of_patches) if s.ring_prototypes else None,
         next_id=number(static.first_object_id),
         frame=number(0),
         decisions=no_decisions(static),
@@ -131,10 +116,10 @@ def grow(state: TrackerState, empty: TrackerState) -> TrackerState:
         large[:, :, new_objects : new_objects + pending.shape[2]] = pending
         return large
 
-    filled = map_banks(
-        state, lambda name, banks: jax.tree.map(fill_rows, banks, getattr(empty, name))
-    )
-    return extend(filled, empty)
+    def fill(name: str, banks: Bank) -> Bank:
+        return jax.tree.map(fill_rows, banks, getattr(empty, name))
+
+    return extend(map_banks(state, fill), empty)
 
 
 def map_banks(state: TrackerState, function: Callable[[str, Bank], Bank]) -> TrackerState:
@@ -158,19 +143,15 @@ def remove_objects(state: TrackerState, forgotten: Bool[Array, "O"]) -> TrackerS
     rows = jnp.concatenate([order, slots + jnp.arange(num_pending, dtype=jnp.int32)])
     filled = jnp.concatenate([alive, jnp.ones(num_pending, bool)])
     kept = jax.tree.map(lambda leaf: leaf[order], state.objects)
-    objects = dataclasses.replace(
-        kept,
-        id=jnp.where(alive, kept.id, NO_ID),
-        class_id=jnp.where(alive, kept.class_id, NO_ID),
-    )
+    ids = {name: jnp.where(alive, getattr(kept, name), NO_ID) for name in ("id", "class_id")}
 
-    compacted = map_banks(
-        state,
-        lambda _, banks: keep_rows(jax.tree.map(lambda leaf: leaf[:, :, rows], banks), filled),
-    )
+    def compact(_: str, banks: Bank) -> Bank:
+        return keep_rows(jax.tree.map(lambda leaf: leaf[:, :, rows], banks), filled)
+
+    compacted = map_banks(state, compact)
     return dataclasses.replace(
         compacted,
-        objects=objects,
+        objects=dataclasses.replace(kept, **ids),
         cooccurrence=reorder_cooccurrence(state.cooccurrence, order, alive),
         distances=reorder_distances(state.distances, order, alive),
     )

@@ -10,31 +10,25 @@ name, `A` anchors of a closed group, `H` sets of objects, `O` object slots.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.remind.association.assignment import Assignment
-from remind_jax.remind.association.quality import Quality
+from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.ranks import pick_best
 from remind_jax.remind.association.similarity import term_weights
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.disambiguation.distance_evidence import tabulate_edges
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS
-from remind_jax.remind.outcome import named_ids
-from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.outcome import Intermediates, named_ids
 from remind_jax.remind.stages import Stages
-from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.undecided.settlement import Settlement
-from remind_jax.remind.undecided.temporal import PairTable, temporal_score
+from remind_jax.remind.undecided.temporal import temporal_score, to_mask
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class CandidateTrace:
     """Known objects that a detection was compared with, by falling visual score.
 
@@ -59,8 +53,7 @@ class CandidateTrace:
     backed: Bool[Array, "N C"]  # clearly backed by context
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PassTrace:
     """Each pass of the reconciliation: who was undecided, and what the layout decided."""
 
@@ -82,8 +75,7 @@ class PassTrace:
     num_remembered: Int[Array, "N R K A"]  # episodes; 0: never seen together
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class DetectionTrace:
     """What was known about each detection besides its `Decisions`."""
 
@@ -94,8 +86,7 @@ class DetectionTrace:
     passes: PassTrace
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class SetTrace:
     """Sets of objects that may be in view together, the most believable first."""
 
@@ -106,8 +97,7 @@ class SetTrace:
     valid: Bool[Array, "H"]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class ContextTrace:
     """The context of the frame as a whole."""
 
@@ -116,8 +106,7 @@ class ContextTrace:
     usable: Bool[Array, ""]  # good enough to reward and to punish
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Trace:
     """What the decisions of one frame were made of."""
 
@@ -125,20 +114,6 @@ class Trace:
     detections: DetectionTrace
     sets: SetTrace
     context: ContextTrace
-
-
-@dataclasses.dataclass(frozen=True)
-class Intermediates:
-    """Intermediate results of one step, as they arise."""
-
-    state: TrackerState  # before the frame
-    quality: Quality
-    relations: Relations
-    anchors: Bool[Array, "N O"]
-    table: PairTable
-    assignment: Assignment
-    settlement: Settlement
-    stages: Stages
 
 
 def collect_trace(intermediates: Intermediates, static: Static, t: Thresholds) -> Trace:
@@ -174,18 +149,9 @@ def _choose_candidates(d: Intermediates, static: Static) -> Int[Array, "N C"]:
     asked = jnp.moveaxis(s.asked.slot, 0, 1).reshape(num, -1)
     single = jnp.stack([d.assignment.slot, s.stabilized.slot, s.slot], axis=1)
     named = jnp.concatenate([single, asked, s.ambiguous.slot, s.doubts.support], axis=1)
-    is_named = jnp.any(named[:, :, None] == jnp.arange(width), axis=1)
-    shown = min(static.num_candidates, width)
-
-    def best(counted: Bool[Array, "N O"], score: Float[Array, "N O"]) -> tuple[Array, Array]:
-        top, slots = jax.lax.top_k(jnp.where(counted, score, -jnp.inf), shown)
-        return slots, jnp.isfinite(top)
-
-    slots, real = best(comparison.candidate, comparison.score + 2.0 * is_named)
-    chosen = jnp.any((slots[:, :, None] == jnp.arange(width)) & real[..., None], axis=1)
-    slots, real = best(chosen, comparison.score)
-    slots = jnp.where(real, slots, -1).astype(jnp.int32)
-    return jnp.pad(slots, ((0, 0), (0, static.num_candidates - shown)), constant_values=-1)
+    first = comparison.score + 2.0 * to_mask(named, width)
+    chosen, _ = pick_best(first, comparison.candidate, static.num_candidates)
+    return pick_best(comparison.score, to_mask(chosen, width), static.num_candidates)[0]
 
 
 def _trace_candidates(d: Intermediates, static: Static, t: Thresholds) -> CandidateTrace:
@@ -201,18 +167,14 @@ def _trace_candidates(d: Intermediates, static: Static, t: Thresholds) -> Candid
         return jnp.where(rows >= 0, picked, jnp.zeros((), picked.dtype))
 
     terms = comparison.terms
+    weights = term_weights(d.quality, terms.authority, t.similarity, len(terms.value))
     return CandidateTrace(
         id=jnp.where(rows >= 0, d.state.objects.id[at], NO_ID),
         lifecycle=take(d.state.objects.lifecycle),
         unseen_frames=take(d.state.objects.misses),
         value=take(terms.value),
         present=take(terms.present),
-        weight=take(
-            jnp.broadcast_to(
-                term_weights(d.quality, terms.authority, t.similarity, len(terms.value)),
-                terms.value.shape,
-            )
-        ),
+        weight=take(jnp.broadcast_to(weights, terms.value.shape)),
         visual_score=take(comparison.score),
         comparable_score=take(temporal_score(d.table, d.table.plausible)),
         bonus_raw=take(d.table.reasoning.influence.bonus_raw),

@@ -2,42 +2,31 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
-import jax
 from jaxtyping import Array, Bool
 
-from remind_jax.decision import Decisions, Outcome
-from remind_jax.observation import Descriptors, FrameFeats, Masks, without_coverage
+from remind_jax.decision import Decisions
+from remind_jax.observation import FrameFeats, Masks, without_coverage
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
 from remind_jax.remind.association.quality import Quality, assess
 from remind_jax.remind.association.similarity import Comparison, compare, count_terms
 from remind_jax.remind.context.evidence import view_frame
 from remind_jax.remind.context.reasoning import Reasoning, reason
+from remind_jax.remind.outcome import Intermediates
 from remind_jax.remind.outcome import decide as decide_outcomes
-from remind_jax.remind.perception.description import describe
+from remind_jax.remind.perception.description import DescribedFrame, describe
 from remind_jax.remind.perception.relations import Relations, observe_relations
 from remind_jax.remind.remember import remember
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.trace import Intermediates, Trace, collect_trace
-from remind_jax.remind.undecided.provisional_commit import support_births
+from remind_jax.remind.trace import Trace, collect_trace
 from remind_jax.remind.undecided.settlement import settle
 from remind_jax.remind.undecided.temporal import tabulate_pairs
 from remind_jax.static import Static
 
 __all__ = ["decide", "describe_frame", "init"]
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class DescribedFrame:
-    """What `decide` is given."""
-
-    descriptors: Descriptors
-    masks: Masks  # without patch coverage, which nothing reads after the description
 
 
 def describe_frame(
@@ -57,29 +46,21 @@ def decide(
       Memory after the frame with `decisions` about it, and what they were made of. If the frame
       needs more object slots than there are, only `overflow` is changed.
     """
-    t, descriptors, masks = thresholds.as_arrays(static.scalar), seen.descriptors, seen.masks
+    t = thresholds.as_arrays(static.scalar)
     # How good is each observation?
-    quality = assess(descriptors, t.similarity)
-    relations = observe_relations(masks, t.relations)
+    quality = assess(seen.descriptors, t.similarity)
+    relations = observe_relations(seen.masks, t.relations)
     # How similar is it to each object?
-    comparison = compare(state, descriptors, quality, static, t)
+    comparison = compare(state, seen.descriptors, quality, static, t)
     candidate, score = comparison.candidate, comparison.score
     anchors = find_anchors(score, candidate, t.diagnosis)
     # Which tracks belong together here?
-    view = view_frame(state, anchors, descriptors, masks, t.cooccurrence)
+    view = view_frame(state, anchors, seen, t.cooccurrence)
     reasoning = reason(view, candidate, score, static, t)
     decisions, made_of = decide_pairs(
         state, seen, quality, relations, comparison, anchors, reasoning, static, t
     )
-    table = made_of.table
-    birth_support = support_births(
-        table.pairs.score_known, table.plausible, state.objects, descriptors.class_id,
-        decisions.outcome == Outcome.NEW,
-    )  # fmt: skip
-    after = remember(
-        state, decisions, made_of.stages, made_of.settlement, birth_support,
-        comparison.pending_score, descriptors, masks, relations, static, t,
-    )  # fmt: skip
+    after = remember(state, seen, decisions, made_of, static, t)
     return after, collect_trace(made_of, static, t)
 
 
@@ -95,20 +76,19 @@ def decide_pairs(
     t: Thresholds,
 ) -> tuple[Decisions, Intermediates]:
     """Decides by what was found about every pair; memory fills in the ids of what is new."""
-    objects, descriptors = state.objects, seen.descriptors
+    class_id = seen.descriptors.class_id
     num_terms, margin = count_terms(comparison), static.switches.margin
     evidence = diagnose(comparison.score, comparison.candidate, num_terms, margin, t.diagnosis)
     # Who is who, jointly?
-    assignment = associate(comparison, evidence, reasoning, descriptors.class_id, static, t)
+    assignment = associate(comparison, evidence, reasoning, class_id, static, t)
     pairs = assignment.pairs
     # Who stays undecided?
     table = tabulate_pairs(comparison, pairs, reasoning, t)
-    settlement = settle(table, assignment, state, descriptors, relations, static)
+    settlement = settle(table, assignment, state, seen.descriptors, relations, static)
     final = diagnose(pairs.score_final, pairs.eligible, num_terms, margin, t.diagnosis)
     decisions, stages = decide_outcomes(
-        objects, seen.masks, descriptors, table, anchors, evidence, final, assignment, settlement,
-        static,
-    )  # fmt: skip
+        state.objects, seen, table, anchors, evidence, final, assignment, settlement, static
+    )
     return decisions, Intermediates(
         state, quality, relations, anchors, table, assignment, settlement, stages
     )

@@ -5,6 +5,8 @@ Letters: `N` rows (detections), `M` columns (objects by rising id).
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,25 +27,19 @@ def assign(
     *,
     solver: str,
 ) -> Int[Array, "N"]:
-    """Gives every row at most one column so that the summed score is largest.
+    """Column of every row, -1 if it gets none, so that the summed score is largest.
 
     Rows of different groups never share a column. With `dummies`, a row may stay without a column
     for the score `dummy[row]`; without them, as many rows as possible get one. Ties fall as in
     `scipy.optimize.linear_sum_assignment` on each group's own matrix (method.md#assignment-ties).
 
     Args:
-      scores: Score of each pair.
       allowed: Pairs that may be assigned; a row without any takes no part.
       group: Class of each row.
-      dummy: Score of leaving a row without a column.
-      dummies: Whether rows may be left without a column by choice.
       present: Pairs that stand in the matrix of the row's group, allowed or not; `allowed` if left
         out. A column that no row may have can still decide a tie.
       solver: `"host"`: SciPy in one callback for all groups and batch entries; `"jax"`: the same
         procedure in the graph, with equal results.
-
-    Returns:
-      The column of each row, -1 if it has none.
     """
     if solver == "jax":
         return assign_in_graph(scores, allowed, group, dummy, dummies, present)
@@ -54,18 +50,13 @@ def assign(
     return jax.pure_callback(_assign_batched, out, *given, vmap_method="broadcast_all")
 
 
-def _assign_batched(scores, allowed, group, dummy, dummies, present):
-    """Runs `assign_groups` over any leading batch axes."""
-    scores, allowed, group, dummy, dummies, present = map(
-        np.asarray, (scores, allowed, group, dummy, dummies, present)
-    )
-    batch = group.shape[:-1]
+def _assign_batched(*given: Array) -> np.ndarray:
+    """`assign_groups` over any leading batch axes."""
+    leaves: list[Any] = [np.asarray(leaf) for leaf in given]
+    group = leaves[2]
     columns = np.empty(group.shape, np.int32)
-    for index in np.ndindex(*batch):
-        columns[index] = assign_groups(
-            scores[index], allowed[index], group[index], dummy[index], bool(dummies[index]),
-            present[index],
-        )  # fmt: skip
+    for index in np.ndindex(group.shape[:-1]):
+        columns[index] = assign_groups(*(leaf[index] for leaf in leaves))
     return columns
 
 

@@ -27,8 +27,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch, repeat
-from remind_jax.numerics.ranks import count_before, rank_rising
-from remind_jax.numerics.reductions import first_largest
+from remind_jax.numerics.ranks import count_before, largest, rank_rising
 
 FORBIDDEN_COST = 1e6
 _NO_KEY = 2**31 - 1
@@ -194,7 +193,7 @@ def _cross(
     crossed = jnp.sum(groups.same, axis=1) > jnp.sum(groups.columns, axis=1)
     rank = count_before(groups.columns)
     drives = groups.columns & (rank == (groups.position - groups.order[_START])[:, None])
-    object_of = first_largest(drives)
+    object_of = largest(drives)[1]
     competes = groups.same & jnp.any(drives, axis=1, keepdims=True)
     padding = ((0, 0), (0, slots - num))
     falling = num - jnp.arange(num, dtype=jnp.int32)
@@ -209,8 +208,7 @@ def _search(
 ) -> tuple[Int[Array, "C"], Int[Array, "N"]]:
     """Gives each driver in turn a slot by a shortest augmenting path.
 
-    Returns:
-      Driver of each slot, and the slot of drivers whose slot went to a driver of a later group.
+    Returns the driver of each slot, and the slot of drivers that lost it to one of a later group.
     """
     with double_precision():
         cost = problem.cost.astype(jnp.float64)

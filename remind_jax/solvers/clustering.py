@@ -33,11 +33,8 @@ def kmeans(
 
     Args:
       points: Points shared by all sets.
-      members: Which points belong to each set.
       wanted: Clusters of each set, from 1 to `clusters`; `clusters` if left out.
-      clusters: K.
       iterations: Most rounds of one restart.
-      restarts: Number of restarts.
       seed: Seed of the draws, restarted for every set.
       solver: `"host"`: NumPy in one callback for all sets and batch entries; `"jax"`: the same
         procedure in the graph.

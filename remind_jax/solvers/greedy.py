@@ -15,15 +15,10 @@ def assign_greedily(
     dummy: Float[Array, "N"],
     dummies: Bool[Array, ""],
 ) -> Int[Array, "N"]:
-    """Gives away the pairs by falling score, every row and every column once.
+    """Gives away the pairs by falling score, each row and column once; -1 where a row gets none.
 
-    Among equals the lower row goes first, then the lower column.
-
-    Args:
-      dummy: Score below which a row rather stays without a column.
-
-    Returns:
-      The column of each row, -1 if it has none.
+    Among equals the lower row goes first, then the lower column. Below the score `dummy` a row
+    rather stays without a column.
     """
     num_rows, num_columns = scores.shape
     worth = allowed & (~dummies | (scores >= dummy[:, None]))

@@ -7,7 +7,9 @@ from remind_jax.numerics.ranks import (
     first_largest,
     largest,
     order_rising,
+    pick_best,
     rank_rising,
+    rank_two,
 )
 
 
@@ -24,6 +26,18 @@ def test_places_are_those_of_a_stable_sort_by_several_keys():
     keys = [jnp.array(first), jnp.array(-1.0 * -second)]
     np.testing.assert_array_equal(rank_rising(keys), np.argsort(order))
     np.testing.assert_array_equal(order_rising(keys), order)
+
+
+def test_the_best_that_count_are_picked_and_padded():
+    values = jnp.array([[0.5, 0.9, 0.5, 0.7], [0.1, 0.2, 0.3, 0.4]])
+    among = jnp.array([[True, False, True, True], [False, False, False, False]])
+    place, value = pick_best(values, among, 5)
+    assert place.tolist() == [[3, 0, 2, -1, -1], [-1] * 5]
+    np.testing.assert_allclose(value, [[0.7, 0.5, 0.5, 0, 0], [0] * 5])
+    assert pick_best(values, among, 2, later_first=True)[0].tolist() == [[3, 2], [-1, -1]]
+    best, top, second, number = rank_two(values, among)
+    assert (best.tolist(), number.tolist()) == ([3, 0], [3, 0])
+    np.testing.assert_allclose([top, second], [[0.7, 0], [0.5, 0]])
 
 
 @pytest.mark.parametrize("axis", [0, 1, -1])

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.numerics.reductions import first_largest, pick_in_rows, reduce_together
+from remind_jax.numerics.reductions import pick_in_rows, reduce_together
 
 VALUES = np.random.default_rng(0).integers(-3, 4, (4, 5, 6)).astype(np.float32)
 
@@ -56,11 +56,3 @@ def test_entries_of_rows_are_picked_and_are_nothing_outside():
     picked, is_set = pick_in_rows(jnp.array([0, 5, -1, 2, 6]), table, flags)
     np.testing.assert_array_equal(picked, [table[0, 0], table[1, 5], 0, table[3, 2], 0])
     np.testing.assert_array_equal(is_set, [flags[0, 0], flags[1, 5], False, flags[3, 2], False])
-
-
-def test_the_first_of_the_largest_along_any_axis():
-    for axis in (0, 1, -1):
-        np.testing.assert_array_equal(first_largest(VALUES, axis), VALUES.argmax(axis))
-        np.testing.assert_array_equal(first_largest(VALUES > 2, axis), (VALUES > 2).argmax(axis))
-    assert first_largest(jnp.full(3, -jnp.inf)) == 0
-    assert first_largest(jnp.array([1.0, jnp.nan])) == 1  # none is the largest: the last

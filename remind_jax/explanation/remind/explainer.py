@@ -9,7 +9,7 @@ from typing import Any, cast
 import jax
 import numpy as np
 
-from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
+from remind_jax.decision import NO_ID, Decisions, Outcome
 from remind_jax.explanation.archive import first_rows
 from remind_jax.explanation.explainer import Explainer
 from remind_jax.explanation.explanation import id_or_none, read_row
@@ -26,8 +26,9 @@ from remind_jax.explanation.remind.explanation import (
     Voter,
 )
 from remind_jax.explanation.remind.reasons import give_reasons
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.disambiguation.joint_assignments import GroupStatus
-from remind_jax.remind.stages import Lock, MatchOrigin, Stages
+from remind_jax.remind.stages import Stages
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import (
     CandidateTrace,
@@ -40,8 +41,7 @@ from remind_jax.remind.trace import (
 from remind_jax.tracks import Tracks, title_of
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class FrameRecord:
     """Everything known about the decisions of one frame; NumPy arrays without padding rows."""
 
@@ -95,6 +95,7 @@ class RemindExplainer(Explainer[FrameRecord]):
         d, stages, known = record.decisions, record.stages, record.detections
         is_rated, object_id = tracks.is_rated(row), int(d.object_id[row])
         outcome = Outcome(int(d.outcome[row]))
+        seen = known.candidates
         options = tuple(
             Option(int(i), name(int(i)), float(score), bool(blocked))
             for i, score, blocked in zip(
@@ -103,34 +104,31 @@ class RemindExplainer(Explainer[FrameRecord]):
             if i != NO_ID
         )
         groups = known.group
-        explanation = RemindExplanation(
+        explanation = read_row(
+            RemindExplanation,
+            row,
+            d,
+            stages,
+            known,
             frame=tracks.frame_index,
             time_s=float(tracks.time_s),
             frame_name=tracks.name,
             detection=row,
             label=label,
             name=name(object_id) if outcome.is_firm else _title(label, outcome, options, tracks),
-            outcome=outcome,
-            reason=Reason(int(d.reason[row])),
             object_id=id_or_none(object_id),
             decided_at=None if object_id == NO_ID else tracks.frame_index,
             score=float(d.score[row]) if is_rated else None,
             confidence=float(d.confidence[row]) if is_rated else None,
-            status=Status(int(d.status[row])),
-            best_score=float(d.best_score[row]),
-            second_score=float(d.second_score[row]),
-            lock=Lock(int(stages.lock[row])),
-            source=MatchOrigin(int(stages.source[row])),
             assigned_id=id_or_none(stages.assigned_id[row]),
             guarded_id=id_or_none(stages.guarded_id[row]),
             swappable=tuple(np.flatnonzero((groups == groups[row]) & (groups >= 0)).tolist()),
             why=(),
-            num_candidates=int(known.num_candidates[row]),
             candidates=tuple(
-                _candidate(known.candidates, row, place, record, name)
-                for place in np.flatnonzero(known.candidates.id[row] != NO_ID).tolist()
+                _candidate(seen, row, place, record, name)
+                for place in np.flatnonzero(seen.id[row] != NO_ID).tolist()
             ),
-            context=read_row(Context, record.context, ()),
+            context=read_row(Context, (), record.context),
             anchors=tuple(
                 Anchor(int(k), int(known.anchor_id[k]), name(int(known.anchor_id[k])))
                 for k in np.flatnonzero(known.anchor_id != NO_ID)
@@ -170,8 +168,8 @@ def _candidate(
     columns = zip(_TERMS, take("value"), take("present"), take("weight"), strict=False)
     return read_row(
         Candidate,
-        c,
         (row, place),
+        c,
         object_id=object_id,
         name=name(object_id),
         terms={
@@ -214,8 +212,8 @@ def _known_set(passes: PassTrace, row: int, turn: int, name: Name) -> KnownSet:
     )
     return read_row(
         KnownSet,
-        passes,
         (row, turn),
+        passes,
         turn=turn,
         detections=tuple(np.flatnonzero(passes.root[:, turn] == take("root")).tolist()),
         options=dict(zip(options, take("option_score").tolist(), strict=False)),

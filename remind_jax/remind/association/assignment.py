@@ -1,23 +1,18 @@
-"""Who is who, jointly: locks of clear wins, then one assignment.
-
-Rules: method.md#locks, method.md#joint-assignment.
-"""
+"""Who is who, jointly: clear wins first (method.md#locks, method.md#joint-assignment)."""
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.ranks import rank_two
 from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.remind.association.diagnosis import (
     Evidence,
     admit_by_status,
     grant_claims,
-    rank_two,
 )
 from remind_jax.remind.association.gating import Pairs, gate_pairs, initial_pairs
 from remind_jax.remind.association.similarity import Comparison
@@ -30,8 +25,7 @@ from remind_jax.solvers.greedy import assign_greedily
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Assignment:
     """Object slot of every detection."""
 
@@ -86,13 +80,10 @@ def associate(
 def lock_pairs(
     pairs: Pairs, score: Float[Array, "N O"], t: Matching
 ) -> tuple[Bool[Array, "N O"], Int[Array, "N"]]:
-    """Pairs that win so clearly that nothing else is asked (method.md#locks).
+    """Pairs that win so clearly that nothing else is asked, and the lock of each detection.
 
-    Objects propose their best detection, then free detections propose their best free object.
-    Where two proposals meet, the higher score wins, then the lower index.
-
-    Returns:
-      The locked pairs and the kind of lock of each detection.
+    Objects propose their best detection, then free detections propose their best free object. Where
+    two proposals meet, the higher score wins, then the lower index (method.md#locks).
     """
 
     def wins(best: Array, second: Array) -> Bool[Array, "..."]:
@@ -115,10 +106,7 @@ def lock_pairs(
 
 
 def dummy_scores(evidence: Evidence, t: Matching) -> Float[Array, "N"]:
-    """Score of leaving a detection without an object; uncertain ones give way.
-
-    Rule: method.md#dummy-columns.
-    """
+    """Score of staying without an object; uncertain ones give way (method.md#dummy-columns)."""
     base = jnp.clip(t.dummy_score, 0.0, 1.0)
     doubt = 1.0 - jnp.clip(evidence.confidence, 0.0, 1.0)
     scaled = jnp.clip(base + t.dummy_confidence_gain * doubt, 0.0, t.dummy_cap)

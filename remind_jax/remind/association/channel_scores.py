@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.pooling import dot
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.slices import spread_over_batch, take_slice
 from remind_jax.observation import Descriptors
 from remind_jax.remind.memory.prototypes import STABLE, Bank, confidence, mean_quality
@@ -24,8 +25,7 @@ from remind_jax.static import Static
 _SLOTS_AT_ONCE = 4
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Score:
     """Values in [0, 1] with their presence."""
 
@@ -33,8 +33,7 @@ class Score:
     present: Bool[Array, "..."]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class ChannelScores:
     """Every channel against the banks; the first axis is that of the two, work and stable."""
 
@@ -84,10 +83,7 @@ def _best_of_bank(
     seen: Bool[Array, "C N"],
     promote_hits: Int[Array, ""],
 ) -> tuple[Score, Float[Array, "... C N O"]]:
-    """Best cosine per object, clamped at 0, and the authority of the winner.
-
-    Rule: method.md#channel-scores.
-    """
+    """Best cosine per object, at least 0, and the authority of its winner."""
     best, winner = _find_nearest(bank, vectors)
     present = seen[..., None] & (best > -1.0)
     quality = jnp.clip(jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)

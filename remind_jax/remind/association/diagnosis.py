@@ -1,19 +1,15 @@
-"""How clear is the evidence for each detection? (paper III-E).
-
-Rules: method.md#reliable-anchors, method.md#status.
-"""
+"""How clear is the evidence for each detection? (method.md#reliable-anchors, method.md#status)."""
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Literal
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Status
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.ranks import rank_two
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.thresholds.association import Diagnosis
@@ -23,8 +19,7 @@ _EPS = 1e-6
 _TINY = 1e-12
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Evidence:
     """Diagnosis of every detection over a set of its candidates."""
 
@@ -33,21 +28,6 @@ class Evidence:
     second_score: Float[Array, "N"]  # 0 without a second one
     num_close: Int[Array, "N"]  # candidates within `close` of the best, itself included
     confidence: Float[Array, "N"]  # [0, 1]
-
-
-def rank_two(
-    scores: Float[Array, "*B O"], counted: Bool[Array, "*B O"]
-) -> tuple[Int[Array, "*B"], Float[Array, "*B"], Float[Array, "*B"], Int[Array, "*B"]]:
-    """The first best column of each row, its score, the second best score, and how many count.
-
-    A score that there is not is 0.
-    """
-    masked = jnp.where(counted, scores, -jnp.inf)
-    top, best = largest(masked)
-    rest = jnp.where(jnp.arange(scores.shape[-1]) == best[..., None], -jnp.inf, masked)
-    second, number = reduce_together(("max", rest), ("sum", counted), axis=-1)
-    finite = lambda x: jnp.where(jnp.isfinite(x), x, 0.0)  # noqa: E731
-    return best, finite(top), finite(second), number
 
 
 def find_anchors(

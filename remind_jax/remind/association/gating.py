@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.thresholds import Thresholds
@@ -25,8 +24,7 @@ class Gate(enum.IntEnum):
     SETS_RESCUE = 5  # below the threshold, opened by context
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Pairs:
     """Score table; rows are detections, columns objects (method.md#pair-scores)."""
 

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from remind_jax.numerics.columns import columns
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import Descriptors
 from remind_jax.remind.thresholds.association import Similarity
 
 _LEAST = (1, 1, 0, 1, 1, 0, 1, 0, 0)  # where ratings may begin, in their order
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Quality:
     """Quality of what was observed, each in [0, 1]; it does not depend on the object."""
 
@@ -35,10 +33,7 @@ def ramp(x: Array, low: Array, high: Array) -> Array:
 
 
 def assess(descriptors: Descriptors, t: Similarity) -> Quality:
-    """Rates object, background and parts of every detection.
-
-    Rules: method.md#observation-quality, method.md#term-weights.
-    """
+    """Rates what each detection shows (method.md#observation-quality, method.md#term-weights)."""
     support = descriptors.patch_sum
     count = descriptors.num_patches.astype(support.dtype)
     density = jnp.where(count > 1e-12, jnp.clip(support / jnp.maximum(count, 1.0), 0, 1), 1.0)

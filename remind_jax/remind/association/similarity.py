@@ -1,6 +1,4 @@
-"""How similar is each detection to each object? (paper III-E).
-
-Rules: method.md#channel-scores, method.md#visual-score.
+"""How similar are detections and objects? (method.md#channel-scores, method.md#visual-score).
 
 Scores of channels are collapsed to four terms, and the terms averaged by weights that carry the
 quality of the observation. An absent value is not zero: presence travels beside every score.
@@ -9,7 +7,6 @@ Letters: `N` detections, `O` objects, `A C R` channels, `T` terms.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Literal
 
@@ -19,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.columns import columns
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.channel_scores import ChannelScores, Score, compare_channels
@@ -30,14 +28,12 @@ from remind_jax.static import Static
 
 OBJECT, BACKGROUND, PARTS = 0, 1, 2
 RING_PROTOTYPES = 3  # only with `static.ring_prototypes`
-NUM_TERMS = 3
 _SUMMED = (OBJECT, BACKGROUND, RING_PROTOTYPES, PARTS)  # in this order, as in the original
 _NO_WEIGHT = 1e-12  # at most
 Rule = Literal["work", "stable", "prefer_stable", "max"]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Terms:
     """The scores of each pair by term, and how proven the object evidence is."""
 
@@ -56,8 +52,7 @@ _WAYS: tuple[tuple[Rule, ...], ...] = (
 )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Comparison:
     """Visual evidence between detections and objects."""
 
@@ -77,17 +72,14 @@ def compare(
     static: Static,
     thresholds: Thresholds,
 ) -> Comparison:
-    """Scores every detection against every object of its class, and against undecided tracks.
-
-    Rule: method.md#candidates.
-    """
+    """Scores every detection against objects and undecided tracks (method.md#candidates)."""
     objects, t = state.objects, thresholds.similarity
     slots = objects.id.shape[0]
     candidate = descriptors.valid[:, None] & objects.exists[None]
     candidate = candidate & (descriptors.class_id[:, None] == objects.class_id[None])
     channels = compare_channels(state, descriptors, static, thresholds)
 
-    ways = collapse(channels, _WAYS, static, t)
+    ways = collapse(channels, static, t)
     width = ways.authority.shape[-1]
     of_objects = jax.tree.map(lambda leaf: leaf[..., :slots], ways)
     # One bank for all candidates of a detection where all have it, stable first
@@ -95,11 +87,8 @@ def compare(
     everywhere = jnp.all(of_objects.present[: STABLE + 1] | ~candidate, axis=-1)
     source = jnp.where(everywhere[STABLE], STABLE, jnp.where(everywhere[WORK], WORK, AUTO))
     taken = jnp.where(jnp.arange(width) < slots, source[..., None], AUTO)
-    terms = Terms(
-        value=_choose_way(ways.value, taken),
-        present=_choose_way(ways.present, taken),
-        authority=_choose_way(ways.authority, taken[OBJECT]),
-    )
+    value, present = (_choose_way(leaf, taken) for leaf in (ways.value, ways.present))
+    terms = Terms(value, present, _choose_way(ways.authority, taken[OBJECT]))
     num_terms = len(terms.value)
     weights = term_weights(quality, terms.authority, t, num_terms)
     counted = jnp.pad(candidate, ((0, 0), (0, width - slots)), constant_values=True)
@@ -124,10 +113,7 @@ def _choose_way(values: Shaped[Array, "V *B"], taken: Int[Array, "*B"]) -> Shape
 def comparable_score(
     comparison: Comparison, members: Bool[Array, "N O"], t: Similarity
 ) -> Float[Array, "N O"]:
-    """Score on the evidence that all members of a set have, so that it can be compared.
-
-    Rule: method.md#comparable-score.
-    """
+    """Score on the evidence that all members of a set have (method.md#comparable-score)."""
     neutral = comparison.neutral
     common = jnp.all(neutral.present | ~members, axis=-1, keepdims=True)
     score = weighted_mean(neutral.value, neutral.present & common, comparison.neutral_weights, t)
@@ -142,21 +128,9 @@ def count_terms(comparison: Comparison) -> Int[Array, "N"]:
     return jnp.sum(present, axis=(0, 2), dtype=jnp.int32)
 
 
-def collapse(
-    channels: ChannelScores, ways: Sequence[Sequence[Rule]], static: Static, t: Similarity
-) -> Terms:
-    """Reduces work and stable bank, then the channels, to the three terms, in several ways at once.
-
-    Rule: method.md#visual-score.
-
-    Args:
-      ways: For each way, the rule of each term: OBJECT, BACKGROUND, PARTS, RING_PROTOTYPES.
-
-    Returns:
-      The terms, ways along the first axis.
-    """
-    c = channels
-    of_term = list(zip(*ways, strict=True))
+def collapse(c: ChannelScores, static: Static, t: Similarity) -> Terms:
+    """Reduces the banks, then the channels, to terms, in all ways (method.md#visual-score)."""
+    of_term = list(zip(*_WAYS, strict=True))
     score, takes_stable = _collapse_banks(c.objects, of_term[OBJECT])
     authority = jnp.where(takes_stable, c.authority[1], c.authority[0])
     best = [
@@ -228,7 +202,7 @@ def term_weights(
     quality: Quality,
     authority: Float[Array, "N O"] | None,
     t: Similarity,
-    num_terms: int = NUM_TERMS,
+    num_terms: int,
 ) -> Float[Array, "T N #O"]:
     """Weights of the terms after the quality of observation and prototype (method.md#term-weights).
 
@@ -252,10 +226,7 @@ def weighted_mean(
     weights: Float[Array, "T N #O"],
     t: Similarity,
 ) -> Float[Array, "N O"]:
-    """One score from the present terms of positive nominal weight.
-
-    Rules: method.md#visual-score, method.md#first-view.
-    """
+    """One score of the terms that count (method.md#visual-score, method.md#first-view)."""
     nominal = (t.object_weight, t.background_weight, t.parts_weight, t.ring_prototypes_weight)
     terms = range(len(value))
     # Term by term, so that nothing but the mean is written down.

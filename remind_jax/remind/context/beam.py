@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import count_before, order_rising
 from remind_jax.remind.context.chunks import by_chunks
 from remind_jax.remind.context.evidence import FrameView, Links
@@ -44,8 +45,7 @@ from remind_jax.remind.thresholds.context import Sets
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Children:
     """The rows of the next beam, by their parent and what they chose."""
 
@@ -72,13 +72,9 @@ def select_children(
     live: Bool[Array, "W"],
     diverse: Bool[Array, ""],
 ) -> Children:
-    """The best children, ordered by score, then row, then support of the choice.
+    """The best children, ordered by score, then row, then support of the choice (`rank_choices`).
 
     With `diverse`, the best child of each count comes first, the largest count at the front.
-
-    Args:
-      order: Choices of each set as `rank_choices` gives them.
-      diverse: Whether every count has its place.
     """
     counts = score.shape[1]
     choices = counts * VARIANTS * VARIANTS
@@ -121,11 +117,7 @@ def select_children(
 def number_sets(
     parent: Int[Array, "W"], child: Children, most: int
 ) -> tuple[Int[Array, "W"], Int[Array, "W"], Int[Array, ""]]:
-    """Numbers the sets of the children.
-
-    Returns:
-      Set of each child, a child of each set, and the number of sets.
-    """
+    """Numbers the sets: that of each child, a child of each, and how many there are."""
     index = jnp.arange(parent.shape[0], dtype=jnp.int32)
     key = (parent * (most + 1) + child.count) * VARIANTS + child.variant
     same = (key[:, None] == key[None]) & child.valid[:, None] & child.valid[None]
@@ -137,8 +129,7 @@ def number_sets(
     return jnp.where(child.valid, number[first], 0), origin, num_sets
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Beam:
     """Partial hypotheses in the order in which they are expanded.
 
@@ -184,8 +175,7 @@ def expand_by_class(
 ) -> Beam:
     """Lets every row make every choice of one class and keeps the best.
 
-    Args:
-      scale: What the sets are measured against; all but the number of classes.
+    `scale` has all that sets are measured against but the number of classes.
     """
     pool, places = classes.pool[step], classes.detections.shape[1]
     most = min(places, pool.shape[0] - 1)  # no more detections than objects are explained

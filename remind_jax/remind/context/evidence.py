@@ -1,18 +1,14 @@
-"""What past episodes show of who is seen with whom (paper III-D).
-
-Rules: method.md#conditional-probability, method.md#maturity.
-"""
+"""Who was seen with whom (method.md#conditional-probability, method.md#maturity)."""
 
 from __future__ import annotations
-
-import dataclasses
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.observation import Descriptors, Masks
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.memory.cooccurrence import CooccurrenceGraph, conditional
+from remind_jax.remind.perception.description import DescribedFrame
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds.context import Sets
 from remind_jax.remind.thresholds.relations import Cooccurrence
@@ -21,8 +17,7 @@ from remind_jax.static import Static
 ROUNDED_OBJECTS = 160  # up to so many in question, link strengths have float32 precision
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class FrameView:
     """What the context reads: the memory before the frame, and what is in view."""
 
@@ -37,11 +32,7 @@ class FrameView:
 
 
 def view_frame(
-    state: TrackerState,
-    anchors: Bool[Array, "N O"],
-    descriptors: Descriptors,
-    masks: Masks,
-    t: Cooccurrence,
+    state: TrackerState, anchors: Bool[Array, "N O"], seen: DescribedFrame, t: Cooccurrence
 ) -> FrameView:
     """Gathers what the context reads; all objects in memory count, seen in company or not."""
     objects, graph = state.objects, state.cooccurrence
@@ -52,14 +43,13 @@ def view_frame(
         exists=objects.exists,
         object_class=objects.class_id,
         anchors=jnp.any(anchors, axis=0),
-        det_class=descriptors.class_id,
-        det_score=masks.detector_score,
-        det_valid=descriptors.valid,
+        det_class=seen.descriptors.class_id,
+        det_score=seen.masks.detector_score,
+        det_valid=seen.descriptors.valid,
     )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Links:
     """Ties between objects, both directions joined."""
 
@@ -76,8 +66,7 @@ def maturity(episodes: Int[Array, "O"], t: Sets) -> Float[Array, "O"]:
 def join_links(view: FrameView, num_in_question: Int[Array, ""], static: Static, t: Sets) -> Links:
     """Joins what two objects remember of each other into one tie (method.md#member-sets).
 
-    Args:
-      num_in_question: Objects that any hypothesis of the frame may contain.
+    `num_in_question` are the objects that any hypothesis of the frame may contain.
     """
     forth, back = view.conditional, view.conditional.T
     joint = jnp.sqrt(forth * back) if static.switches.mutual_links else 0.5 * (forth + back)

@@ -1,6 +1,4 @@
-"""The classes in view with the detections and objects that stand for them.
-
-Rule: method.md#frame-classes.
+"""The classes in view, with their detections and objects (method.md#frame-classes).
 
 Letters: `N` detections, `O` objects, `C` classes in view (at most `N`), `K` detections per class,
 `L` objects per class and one empty place.
@@ -8,15 +6,14 @@ Letters: `N` detections, `O` objects, `C` classes in view (at most `N`), `K` det
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.ranks import order_rising
+from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.ranks import pick_best, rank_rising
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.context.evidence import FrameView, maturity
 from remind_jax.remind.thresholds.context import Sets
@@ -25,8 +22,7 @@ from remind_jax.static import Static
 _LAST = jnp.iinfo(jnp.int32).max
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class FrameClasses:
     """Known classes of the frame, those of few objects first; other rows are empty."""
 
@@ -51,11 +47,11 @@ def group_by_class(view: FrameView, static: Static, t: Sets) -> FrameClasses:
         (jnp.where(known, pool_size, _LAST), det_class, jnp.asarray(index)), num_keys=2
     )
 
-    by_score = jnp.lexsort((-index, -view.det_score))
-    detections = _first_in_order(same[order], by_score, min(static.switches.class_detections, num))
-    by_relevance = _rank_objects(view, t)
-    width = min(static.switches.class_pool, slots)
-    pool = _first_in_order(stored[order], by_relevance, width)
+    most, width = min(static.switches.class_detections, num), min(static.switches.class_pool, slots)
+    detections = _first_by_rank(
+        same[order], rank_rising([-view.det_score, jnp.asarray(-index)]), most
+    )
+    pool = _first_by_rank(stored[order], _rank_objects(view, t), width)
     pool = jnp.pad(-jnp.sort(-pool, axis=1), ((0, 0), (0, 1)), constant_values=NO_SLOT)
     num_known = jnp.sum(known, dtype=jnp.int32)
     limited = jnp.minimum(num_known, t.max_classes)
@@ -68,18 +64,17 @@ def group_by_class(view: FrameView, static: Static, t: Sets) -> FrameClasses:
     )
 
 
-def _first_in_order(
-    included: Bool[Array, "C X"], order: Int[Array, "X"], count: int
+def _first_by_rank(
+    included: Bool[Array, "C X"], rank: Int[Array, "X"], most: int
 ) -> Int[Array, "C K"]:
-    """The first included columns of each row in the given order, NO_SLOT behind them."""
-    length = order.shape[0]
-    places = jnp.where(included[:, order], (length - jnp.arange(length)).astype(jnp.float32), 0.0)
-    found, at = jax.lax.top_k(places, count)
-    return jnp.where(found > 0.0, order[at], NO_SLOT).astype(jnp.int32)
+    """The included columns of each row by rising rank, NO_SLOT behind them."""
+    # float32 holds these keys exactly and has a fast top_k.
+    keys = jnp.broadcast_to(-rank.astype(jnp.float32), included.shape)
+    return pick_best(keys, included, most)[0]
 
 
 def _rank_objects(view: FrameView, t: Sets) -> Int[Array, "O"]:
-    """Order in which objects enter the pool of their class (method.md#frame-classes).
+    """Places in the order in which objects enter the pool of their class (method.md#frame-classes).
 
     Anchors come first, then what anchors lead one to expect, the likeliest first (ties: by the
     anchor that named it first), then the rest, mature and late objects first.
@@ -94,4 +89,4 @@ def _rank_objects(view: FrameView, t: Sets) -> Int[Array, "O"]:
     value = jnp.where(expected, best, maturity(view.graph.episodes, t))
     value = jnp.where(anchors, 0.0, value)
     named = jnp.where(anchors, 0, jnp.where(expected, speaker, slots - slot))
-    return order_rising([group, -value, named])
+    return rank_rising([group, -value, named])

@@ -1,6 +1,4 @@
-"""Every choice of objects that the sets of a beam can make.
-
-Rules: method.md#beam-search, method.md#member-sets.
+"""Every choice of objects that sets can make (method.md#beam-search, method.md#member-sets).
 
 Letters: `W` sets, `K` most detections per class, `C = K + 1` counts, `O` objects, `M` most members
 of a set. A choice is a count of objects, 0 to `K`, and a variant.
@@ -60,13 +58,10 @@ def members_by_choice(
 def grow_trees(
     sets: MemberSet, ranked: Int[Array, "W C"], largest: Int[Array, ""], links: Links
 ) -> Float[Array, "W C 2"]:
-    """Weight of the spanning tree of every set after every choice.
+    """Weight of the spanning tree of every set after every choice among `ranked`, no members yet.
 
     The choices of a set grow by one object at a time: each count adds one to the best choice of
     the count before, or the one after it.
-
-    Args:
-      ranked: Objects to choose from, best first, none a member yet.
     """
     strength = _strengths(ranked, jax.vmap(line_up)(sets, ranked), links)
     edges = jax.vmap(tree_edges)(sets.path)
@@ -121,12 +116,7 @@ def join_chosen(
     num_sets: Int[Array, ""],
     links: Links,
 ) -> MemberSet:
-    """Makes new sets from parent sets and the objects chosen for them.
-
-    Args:
-      parent: The set that each new set grows from.
-      chosen: The objects that join it, NO_SLOT behind them.
-    """
+    """Makes new sets, each of its parent and the objects chosen for it, NO_SLOT behind them."""
 
     def grow(rows: tuple[Array, Array]) -> MemberSet:
         parent, chosen = rows

@@ -7,13 +7,12 @@ explain some detections of the class by some of its objects. Letters: `H` hypoth
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import count_up
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.context.beam import Beam, empty_beam, expand_by_class
 from remind_jax.remind.context.evidence import FrameView, join_links
 from remind_jax.remind.context.frame_classes import group_by_class
@@ -22,8 +21,7 @@ from remind_jax.remind.thresholds.context import Sets
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Hypotheses:
     """Sets of objects that may be in view, the most believable first."""
 
@@ -54,11 +52,7 @@ def no_hypotheses(num: int, slots: int, static: Static) -> Hypotheses:
 
 
 def find_hypotheses(view: FrameView, static: Static, t: Sets) -> Hypotheses:
-    """Searches the sets of objects that explain the frame best.
-
-    Returns:
-      The hypotheses, best first; equal scores keep the order of the search.
-    """
+    """The sets of objects that explain the frame best; equal ones keep the order of the search."""
     classes = group_by_class(view, static, t)
     links = join_links(view, jnp.sum(classes.pool_size), static, t)
     total = jnp.sum(view.det_valid, dtype=jnp.int32)
@@ -75,10 +69,7 @@ def find_hypotheses(view: FrameView, static: Static, t: Sets) -> Hypotheses:
 def _best_of_beam(
     beam: Beam, scale: FrameScale, searched: Bool[Array, ""], static: Static, t: Sets
 ) -> Hypotheses:
-    """The best complete sets; no two rows agree in members and detections.
-
-    Rule: method.md#kept-hypotheses.
-    """
+    """The best complete sets, no two the same (method.md#kept-hypotheses)."""
     score, size = beam.rating.score[beam.set_of], beam.sets.size[beam.set_of]
     valid = beam.valid & searched & (score >= t.min_set_score)
     valid = valid & ((scale.num_detections <= 1) | (size >= 2))

@@ -1,16 +1,11 @@
-"""What the context adds to or takes from every object as a candidate.
-
-Rule: method.md#cooccurrence-bonus.
-"""
+"""What the context adds to or takes from a candidate (method.md#cooccurrence-bonus)."""
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.summary import Context
 from remind_jax.remind.thresholds import Thresholds
@@ -20,8 +15,7 @@ _TINY = 1e-12
 _SLACK = 1e-9
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Influence:
     """Context per object, whatever detection it is a candidate of (method.md#cooccurrence-bonus).
 

@@ -10,13 +10,11 @@ newcomers, `O` object slots, `B` sets.
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide, sum_in_order
 from remind_jax.remind.context.evidence import Links
 from remind_jax.remind.thresholds.context import Sets
@@ -26,8 +24,7 @@ _NO_PATH = -1.0  # below every link
 _FLOOR = 1e-12  # of a maturity, before powers are taken
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class MemberSet:
     """One set of objects."""
 
@@ -37,8 +34,7 @@ class MemberSet:
     path: Float[Array, "M M"]  # strength of the best path between two members, by entry
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class LinkCounts:
     """Who in a set has been seen with whom in it, any leading shape."""
 
@@ -73,11 +69,7 @@ def link_strengths(
 
 
 def reach_members(path: Float[Array, "M M"], link: Float[Array, "M"]) -> Float[Array, "M"]:
-    """Strength of the best path from a newcomer to each member.
-
-    Args:
-      link: Link of the newcomer to each of them; what it says of others does not count.
-    """
+    """Strength of the best path from a newcomer to each member, by its links to members."""
     # The matrix is symmetric: the reduced axis comes first, so that the last one stays whole.
     return jnp.max(jnp.minimum(link[:, None], path), axis=0)
 
@@ -85,11 +77,7 @@ def reach_members(path: Float[Array, "M M"], link: Float[Array, "M"]) -> Float[A
 def extend_paths(
     path: Float[Array, "M M"], reach: Float[Array, "M"], entry: Int[Array, ""]
 ) -> Float[Array, "M M"]:
-    """Paths once a newcomer has entered.
-
-    Args:
-      entry: Position that the newcomer takes, or NO_SLOT.
-    """
+    """Paths once a newcomer has entered at a position; NO_SLOT: it does not."""
     reach = jnp.where(jnp.arange(reach.shape[0]) == entry, _OWN, reach)
     return jnp.maximum(path, jnp.minimum(reach[:, None], reach))
 

@@ -8,7 +8,6 @@ detections, or replaces the last. Letters: `W` sets of the beam, `K` most detect
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import jax
@@ -17,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide, sum_in_order
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.thresholds.context import Sets
@@ -27,8 +27,7 @@ _SLACK = 1e-12
 _DISTINCT = 1e-15
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Menu:
     """The choices that a class offers to every set; `k` counts from 0 to `K`."""
 
@@ -38,8 +37,7 @@ class Menu:
     info: Float[Array, "C"]  # (0, 1], low where many choices of k exist
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Options:
     """The choices of one class as the sets of the beam see them."""
 
@@ -54,11 +52,7 @@ class Options:
 def write_menu(
     pool_size: Int[Array, ""], num_detections: Int[Array, ""], most: int, static: Static, t: Sets
 ) -> Menu:
-    """The choices of one class; nothing at all is one, unless every class must be explained.
-
-    Args:
-      most: K.
-    """
+    """The choices of one class; nothing at all is one, unless every class must be explained."""
     count = jnp.arange(most + 1)
     largest = jnp.minimum(num_detections, pool_size)
     fits = (count <= largest) & ((count > 0) | t.partial)
@@ -81,9 +75,7 @@ def support_by_kernel(
     static: Static,
     t: Sets,
 ) -> tuple[Float[Array, "W L"], Bool[Array, "W"]]:
-    """Mean conditional probability of each object of a class, given the kernel of a set.
-
-    Rule: method.md#kernel-support.
+    """Mean conditional probability of objects, given the kernel (method.md#kernel-support).
 
     The kernel is the anchors and, while there is room, the members of the set. Members of the
     kernel that do not speak for an object are left out of its mean.
@@ -117,9 +109,7 @@ def list_options(
 ) -> Options:
     """Ranks the objects of a class and rates every choice among them (method.md#class-options).
 
-    Args:
-      has_kernel: Sets for which that support comes from other objects.
-      pool: Objects of the class, latest first.
+    Support comes from other objects for sets that have a kernel. The pool lists the latest first.
     """
     most = menu.info.shape[0] - 1
     scalar = support.dtype

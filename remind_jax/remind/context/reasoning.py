@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.hypotheses import Hypotheses, find_hypotheses, no_hypotheses
 from remind_jax.remind.context.influence import (
@@ -23,8 +21,7 @@ from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Reasoning:
     """What the context says about a frame."""
 

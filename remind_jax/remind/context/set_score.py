@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide, multiply
 from remind_jax.remind.context.options import Menu, Options
 from remind_jax.remind.thresholds.context import Sets
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Rating:
     """What is known of sets, any leading shape.
 
@@ -42,8 +42,7 @@ class Rating:
         return cls(*reals, exclusive=exclusive > 0)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class FrameScale:
     """What every set of a frame is measured against."""
 
@@ -53,10 +52,7 @@ class FrameScale:
 
 
 def tally_choices(rating: Rating, options: Options, menu: Menu) -> Rating:
-    """The sums of every set after every choice of objects `[W, K+1, 2]`; the rest is yet to rate.
-
-    Rule: method.md#beam-search.
-    """
+    """Sums of sets after every choice `[W, K+1, 2]`; the rest is yet to rate."""
     row = lambda leaf: leaf[:, None, None]  # noqa: E731
     count = jnp.arange(menu.info.shape[0])
     some = (count > 0)[:, None]

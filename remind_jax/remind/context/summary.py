@@ -1,6 +1,4 @@
-"""What the hypotheses say about every class and about the frame.
-
-Rules: method.md#hypothesis-summary, method.md#class-summary.
+"""What hypotheses say of classes (method.md#hypothesis-summary, method.md#class-summary).
 
 A class summary is kept per object: every object carries the values of its class, so that classes
 need no numbering. Letters: `O` objects, `H` hypotheses.
@@ -8,13 +6,12 @@ need no numbering. Letters: `O` objects, `H` hypotheses.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.ranks import largest, rank_two
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.evidence import FrameView
@@ -25,8 +22,7 @@ from remind_jax.static import Static
 _TINY = 1e-12
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Context:
     """How the context sees each object, how decided its class is, and the frame as a whole."""
 
@@ -56,11 +52,7 @@ def summarize(
     sets: Sets,
     t: Influence,
 ) -> Context:
-    """Reduces hypotheses and kernels to one standing per object, and rates the whole.
-
-    Args:
-      hypotheses: Best first.
-    """
+    """Reduces hypotheses, the best first, and kernels to one standing per object, and rates all."""
     exists, of_class = view.exists, view.object_class
     same = (of_class[:, None] == of_class[None]) & exists[:, None] & exists[None]
     kernels = find_kernels(hypotheses, same, view.anchors, static)
@@ -97,7 +89,8 @@ def summarize(
     mixed = jnp.where(covered, mixed, 0.0)
     soft_cut = t.soft_band * _class_max(mixed, same)
     ranked = covered & (kernel_relative > 0.0)
-    best_relative, second = _class_top_two(jnp.where(ranked, kernel_relative, 0.0), same)
+    among = jnp.broadcast_to(jnp.where(ranked, kernel_relative, 0.0), same.shape)
+    _, best_relative, second, _ = rank_two(among, same)
     supported = ranked & (kernel_relative >= t.band * best_relative)
 
     kept, size = jnp.sum(same & jnp.stack([supported, exists])[:, None], axis=2, dtype=jnp.int32)
@@ -190,16 +183,6 @@ def _rate_quality(
 def _class_max(value: Float[Array, "*B O"], same: Bool[Array, "O O"]) -> Float[Array, "*B O"]:
     """Largest value, not below 0, within the class of each object."""
     return jnp.max(jnp.where(same, value[..., None, :], 0.0), axis=-1)
-
-
-def _class_top_two(
-    value: Float[Array, "O"], same: Bool[Array, "O O"]
-) -> tuple[Float[Array, "O"], Float[Array, "O"]]:
-    """Largest and second value, not below 0, within the class of each object."""
-    masked = jnp.where(same, value[None], 0.0)
-    top, best = largest(masked)
-    rest = jnp.where(jnp.arange(value.shape[0]) == best[:, None], 0.0, masked)
-    return top, jnp.max(rest, axis=1)
 
 
 def _relative(value: Float[Array, "O"], best: Float[Array, "O"]) -> Float[Array, "O"]:

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import enum
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.ranks import pick_best
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.evidence import FrameView
@@ -65,11 +64,8 @@ def expect_neighbors(
 ) -> Bool[Array, "O O"]:
     """Neighbors that one expects to see with each row object (method.md#expected-neighbors).
 
-    The closest and latest first, until the list is full, or long enough and likely to contain
-    something that is in view.
-
-    Args:
-      min_link: Least conditional probability of an expected neighbor.
+    The closest and latest first, of conditional probability `min_link` at least, until the list is
+    full, or long enough and likely to contain something that is in view.
     """
     graph = view.graph
     slots = graph.episodes.shape[0]
@@ -96,11 +92,8 @@ def plausibly_in_view(
 
     Looks alone count, late objects win ties.
     """
-    slots = score.shape[1]
-    asked = jnp.where(candidate & (score >= visual_gate), score, -jnp.inf)
-    top, behind = jax.lax.top_k(asked[:, ::-1], min(_TOP, slots))
-    best = jnp.where(top > -jnp.inf, slots - 1 - behind, NO_SLOT)
-    named = jnp.any(best[..., None] == jnp.arange(slots), axis=1)
+    best, _ = pick_best(score, candidate & (score >= visual_gate), _TOP, later_first=True)
+    named = jnp.any(best[..., None] == jnp.arange(score.shape[1]), axis=1)
     times = jnp.sum(named, axis=0, dtype=jnp.int32)
     return times[None] > named
 
@@ -112,10 +105,7 @@ def _contradicts_neighbors(
     episodes: Int[Array, "O"],
     t: Rules,
 ) -> Bool[Array, "N O"]:
-    """Pairs whose object expects neighbors of which (nearly) none is in view.
-
-    Rule: method.md#veto.
-    """
+    """Pairs whose object expects neighbors of which (nearly) none is in view."""
     scalar = quality.dtype
     num_expected = jnp.sum(expected, axis=1, dtype=jnp.int32)
     num_seen = jnp.sum(seen, axis=1, dtype=jnp.int32)

@@ -8,14 +8,14 @@ detections and `U` candidates of a group.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.ranks import largest, pick_best
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.association.gating import Pairs
@@ -38,8 +38,7 @@ SINGLE_EDGE = 0.50
 FEWEST_ANCHORS = 2
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Voters:
     """Objects of this frame that may serve as anchors: decided ones, then likely ones.
 
@@ -52,8 +51,7 @@ class Voters:
     factor: Float[Array, "V"]  # 1 if decided, less for likely objects
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Group:
     """One group of entries; both lists are ascending and padded."""
 
@@ -66,8 +64,7 @@ class Group:
     allowed: Bool[Array, "G U"]  # candidates of each detection
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Anchors:
     """Anchors of one group by falling usefulness; an object occurs once."""
 
@@ -89,9 +86,7 @@ def find_voters(
 ) -> Voters:
     """Decided objects, and objects that an otherwise open detection most likely is.
 
-    Args:
-      matched_pass: Pass that made the match. Of two detections of one object the later pass lends
-        its geometry, then the later detection.
+    Of two detections of one object the later pass lends its geometry, then the later detection.
     """
     num = matched_slot.shape[0]
     decided = (matched_slot >= 0) & ~undecided
@@ -104,11 +99,10 @@ def find_voters(
     claims = pair_ok & (jnp.arange(masked.shape[1]) == best[:, None])
     claimed = jnp.where(claims, masked, -jnp.inf)
     top, holder = largest(claimed, axis=0)
-    limit = num if static.switches.soft_anchors == 0 else static.switches.soft_anchors
-    ranked, backwards = jax.lax.top_k(top[::-1], min(limit, top.shape[0]))
-    soft_slot = (top.shape[0] - 1 - backwards).astype(jnp.int32)
-    soft = jnp.isfinite(ranked)
-    confidence = jnp.clip(jnp.where(soft, ranked, 0.0), 0.0, 1.0)
+    limit = min(static.switches.soft_anchors or num, top.shape[0])
+    best, likely = pick_best(top, top > -jnp.inf, limit, later_first=True)
+    soft, soft_slot = best != NO_SLOT, jnp.maximum(best, 0)
+    confidence = jnp.clip(likely, 0.0, 1.0)
 
     slot = jnp.concatenate([jnp.where(decided, matched_slot, 0), soft_slot])
     own_place = jnp.concatenate([jnp.arange(num, dtype=jnp.int32), holder[soft_slot]])
@@ -131,10 +125,7 @@ def choose_anchors(
     static: Static,
     t: KnownSets,
 ) -> Anchors:
-    """The voters that separate the candidates of a group most clearly.
-
-    Rule: method.md#voter-selection.
-    """
+    """The voters that separate the candidates most clearly (method.md#voter-selection)."""
     inside = group.is_candidate & (group.candidate == voters.slot[:, None])
     valid = voters.valid & ~jnp.any(inside, axis=1)
     score = jnp.where(valid, quality * voters.factor, -jnp.inf)
@@ -171,9 +162,7 @@ def rate_anchors(
     relations: Relations,
     t: KnownSets,
 ) -> Float[Array, "V"]:
-    """How well each voter separates the group, by history and in this frame.
-
-    Rule: method.md#voter-usefulness.
+    """How well each voter separates the group, before and now (method.md#voter-usefulness).
 
     Args:
       edges: From each candidate to each voter, `[U, V]`.

@@ -5,12 +5,10 @@ Letters: `O` object slots.
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.memory.distances import DistanceGraph, Edges
 from remind_jax.remind.thresholds.known_sets import KnownSets
@@ -23,8 +21,7 @@ TINY = 1e-12
 _TINY_REF = 1e-6
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class KnownDistances:
     """Remembered distances of selected pairs of objects; the fields share one shape."""
 
@@ -39,8 +36,7 @@ class KnownDistances:
         return self.reliability > 0
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PairOrders:
     """Remembered order of selected pairs of objects as seen from an anchor."""
 
@@ -59,10 +55,7 @@ def rate_reliability(count: Int[Array, "..."], scalar: jnp.dtype) -> Float[Array
 def rate_difference(
     value: Float[Array, "..."], reference: Array | float, t: KnownSets
 ) -> Float[Array, "..."]:
-    """How clearly two distances differ that are `value` apart, [0, 1).
-
-    Rule: method.md#voter-usefulness.
-    """
+    """How clear a difference of distances is, [0, 1) (method.md#voter-usefulness)."""
     scaled = divide(jnp.maximum(0.0, value), jnp.maximum(_TINY_REF, reference * t.strength_scale))
     return (1.0 - jnp.exp(-scaled)) ** t.strength_power
 

@@ -1,4 +1,4 @@
-"""Which undecided detections belong together, and which groups are closed?.
+"""Which undecided detections belong together, and which groups are closed?
 
 Rules: method.md#undecided-groups, method.md#closed-groups.
 
@@ -8,12 +8,10 @@ slot; numbers from `O` on are virtual: objects that this frame may yet create.
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import connect, reduce_together
 from remind_jax.remind.disambiguation.distance_evidence import (
     AGREEMENT_BASE,
@@ -28,8 +26,7 @@ from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Undecided:
     """Detections that stay undecided, with the objects that each of them could be."""
 
@@ -40,8 +37,7 @@ class Undecided:
     reason: Int[Array, "N"]  # decision.Reason
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Groups:
     """Connected groups of entries; a group is named by its first detection, its root."""
 

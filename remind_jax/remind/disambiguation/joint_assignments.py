@@ -8,7 +8,6 @@ of detections, `A` anchors.
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 import functools
 import itertools
@@ -20,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.errors import ConfigError
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.disambiguation.anchors import Anchors, Group
 from remind_jax.remind.disambiguation.distance_evidence import (
@@ -55,8 +55,7 @@ class GroupStatus(enum.IntEnum):
     PARTIAL_RESOLVED = 10  # accepted whole as well, with a small lead
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class AssignmentScores:
     """Worth of every joint assignment, in the order of a depth-first search."""
 
@@ -67,8 +66,7 @@ class AssignmentScores:
     evidence: Float[Array, "R"]  # summed weight of the anchors
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Solution:
     """The best joint assignment of a group and whether it is accepted."""
 
@@ -81,12 +79,9 @@ class Solution:
 def list_injections(num_rows: int, num_columns: int) -> tuple[np.ndarray, np.ndarray]:
     """All ways to give each row a column of its own, in lexicographic order.
 
-    Returns:
-      The column of each row `[R, num_rows]`, and for every number n of rows in use the ways that
-      are the first with their leading n columns `[num_rows + 1, R]`.
-
-    Raises:
-      ConfigError: If there are too many to score them all.
+    Returns the column of each row `[R, num_rows]`, and for every number n of rows in use the ways
+    that are the first with their leading n columns `[num_rows + 1, R]`. Raises ConfigError if there
+    are too many to score them all.
     """
     if (count := math.perm(num_columns, num_rows)) > MAX_ASSIGNMENTS:
         raise ConfigError(
@@ -109,11 +104,7 @@ def score_assignments(
     visual: Float[Array, "G U"],
     t: KnownSets,
 ) -> AssignmentScores:
-    """Scores every way to give the detections of a group candidates of their own.
-
-    Args:
-      vote: How well two candidates fit two detections as an anchor sees it, from `vote_by_pairs`.
-    """
+    """Scores all ways to give detections candidates of their own, by what `vote_by_pairs` says."""
     valid, choice = _enumerate(group)
     size, num = group.allowed.shape
     first, second = np.triu_indices(size, 1)

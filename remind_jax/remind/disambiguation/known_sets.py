@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import choose, pytree
 from remind_jax.numerics.ranks import count_before
 from remind_jax.numerics.reductions import Kind, reduce_together
 from remind_jax.remind.association.gating import Pairs
@@ -46,8 +47,7 @@ from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class GroupOutcome:
     """What became of each group; one row per detection, used by the root of a group.
 
@@ -62,8 +62,7 @@ class GroupOutcome:
     anchor_place: Int[Array, "N A"]  # detection whose geometry each of them has
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Settled:
     """Entries after one pass of the disambiguation."""
 
@@ -119,17 +118,18 @@ def settle_known_sets(
         pending = groups.fits & groups.closed
         order = count_before(pending) + pending
 
-        def solve_next(
-            number: Int[Array, ""], solved: tuple[Int[Array, "N"], GroupOutcome]
-        ) -> tuple[Int[Array, "N"], GroupOutcome]:
+        def solve_next(number: Array, solved: tuple[Array, GroupOutcome]):
             root = jnp.argmax(order == number + 1).astype(jnp.int32)
             group = extract_group(root, undecided, groups, static)
             return _solve_group(
                 root, group, *solved, voters, known_score, relations, edge_table, graph, static, t
             )
 
-        start = nobody, _unsolved(groups, nothing)
-        proposed, outcome = jax.lax.fori_loop(0, order[-1], solve_next, start)
+        # Groups that cannot be solved have their status already.
+        status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
+        status = jnp.where(groups.num_detections > 0, status, GroupStatus.NONE).astype(jnp.int32)
+        unsolved = dataclasses.replace(nothing, status=status, num_detections=groups.num_detections)
+        proposed, outcome = jax.lax.fori_loop(0, order[-1], solve_next, (nobody, unsolved))
         return _conclude(proposed, outcome, undecided, groups, known_score, object_exists)
 
     def skip() -> Settled:
@@ -154,13 +154,6 @@ def _no_outcome(num: int, static: Static, scalar: jnp.dtype) -> GroupOutcome:
         anchor=nobody,
         anchor_place=nobody,
     )
-
-
-def _unsolved(groups: Groups, nothing: GroupOutcome) -> GroupOutcome:
-    """Groups before any is solved; those that cannot be solved have their status already."""
-    status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
-    status = jnp.where(groups.num_detections > 0, status, GroupStatus.NONE).astype(jnp.int32)
-    return dataclasses.replace(nothing, status=status, num_detections=groups.num_detections)
 
 
 def _solve_group(
@@ -203,10 +196,7 @@ def _solve_group(
         "anchor": jnp.where(votes, voters.slot[anchors.voter], NO_SLOT),
         "anchor_place": jnp.where(votes, anchors.place, NO_SLOT),
     }
-    written = {
-        name: jnp.where(is_root.reshape(num, *(1,) * value.ndim), value, getattr(outcome, name))
-        for name, value in mine.items()
-    }
+    written = choose(is_root, mine, {name: getattr(outcome, name) for name in mine})
     proposed = jnp.where(jnp.any(place, axis=1), given, proposed)
     return proposed, dataclasses.replace(outcome, **written)
 

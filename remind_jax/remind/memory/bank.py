@@ -26,7 +26,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import choose, pytree
 from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.rounding import divide
 from remind_jax.remind.memory.bank_room import make_room, merge_entries
 from remind_jax.remind.memory.prototypes import (
     STABLE,
@@ -35,7 +37,6 @@ from remind_jax.remind.memory.prototypes import (
     Edit,
     change,
     change_all,
-    choose,
     closest_pair,
     count,
     count_quality,
@@ -45,14 +46,12 @@ from remind_jax.remind.memory.prototypes import (
     nearest,
     new_entry,
     similarities,
-    similarity_rate,
 )
 
 _FIRST = 0  # the entry that is longest in a bank
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Permit:
     """What an update may do to a bank (method.md#update-permit)."""
 
@@ -60,8 +59,17 @@ class Permit:
     rate: Float[Array, ""]  # share of the step, [0, 1]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
+class Observation:
+    """One observation that is shown to the two banks of an object; many with leading axes."""
+
+    vector: Float[Array, "... D"]  # unit descriptor
+    present: Bool[Array, "..."]  # False leaves the banks as they are
+    quality: Float[Array, "..."] | None  # [0, 1]; None for a part
+    permit: Permit  # what the update may do
+
+
+@pytree
 class Refresh:
     """How a prototype follows an observation that it resembles."""
 
@@ -74,8 +82,7 @@ class Refresh:
     by_quality: Any = (False, False)  # the step is the quality, whatever the cosine
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Room:
     """How a full bank makes room."""
 
@@ -84,8 +91,7 @@ class Room:
     redundant: Any  # give up redundant prototypes, else the least recently seen
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Channel:
     """All that differs between the channels: numbers and flags, or pairs for work and stable bank.
 
@@ -116,23 +122,10 @@ def side_by_side(*channels: Channel) -> Channel:
     return jax.tree.map(join, *channels, is_leaf=lambda node: isinstance(node, tuple))
 
 
-def observe_whole(
-    banks: Bank,
-    vector: Float[Array, "C N D"],
-    present: Bool[Array, "C N"],
-    quality: Float[Array, "C N"],
-    permit: Permit,
-    now: Int[Array, ""],
-    channel: Channel,
-) -> Bank:
-    """Shows one rated observation to each bank; proven work prototypes move to the stable bank.
-
-    Args:
-      banks: Leading axes `[2 C N]`.
-      present: False leaves the banks as they are.
-    """
-    unused = jnp.zeros((*present.shape, banks.embedding.shape[-2]), bool)
-    return _observe(banks, unused, _Observation(vector, present, quality, permit), now, channel)[0]
+def observe_whole(banks: Bank, seen: Observation, now: Int[Array, ""], channel: Channel) -> Bank:
+    """Shows one rated observation `[C N]` to each bank `[2 C N]`; the proven become stable."""
+    unused = jnp.zeros((*seen.present.shape, banks.embedding.shape[-2]), bool)
+    return _observe(banks, unused, seen, now, channel)[0]
 
 
 def observe_several(
@@ -144,13 +137,9 @@ def observe_several(
     channels: Sequence[Channel],
     patch_merge: Float[Array, ""] | None = None,
 ) -> Bank:
-    """Shows unrated observations to each bank in turn; proven work prototypes feed the stable bank.
+    """Shows unrated observations in turn to each bank `[2 C N]`; proven ones feed the stable bank.
 
-    Args:
-      banks: Leading axes `[2 C N]`.
-      present: False leaves the banks as they are.
-      patch_merge: For patches of a ring: cosine from which on the closest pair of a stable bank is
-        joined.
+    Patches of a ring join the closest pair of a stable bank from the cosine `patch_merge` on.
     """
 
     def show(carry: tuple[Bank, Array], one: tuple[Array, Array]):
@@ -159,35 +148,25 @@ def observe_several(
         if patch_merge is not None:
             feeds_later = jnp.zeros_like(channel.promotes)
             channel = dataclasses.replace(channel, promotes=feeds_later)
-        banks, used = _observe(*carry, _Observation(*one, None, permit), now, channel)
+        seen = Observation(*one, None, permit)
+        banks, used = _observe(*carry, seen, now, channel)
         if patch_merge is not None:
-            banks = _feed_patches(banks, *one, permit, now, channel, patch_merge)
+            banks = _feed_patches(banks, seen, now, channel, patch_merge)
         return (banks, used), None
 
     used = jnp.zeros((*present.shape[1:], banks.embedding.shape[-2]), bool)
     return jax.lax.scan(show, (banks, used), (vector, present))[0][0]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class _Observation:
-    """One observation that is shown to the two banks of an object."""
-
-    vector: Float[Array, "D"]  # unit descriptor
-    present: Bool[Array, ""]  # False leaves the banks as they are
-    quality: Float[Array, ""] | None  # [0, 1]; None for a part
-    permit: Permit  # what the update may do
-
-
 # Axis of the detections and of the channels of what is mapped.
 _BANKS, _ROWS = (1, 1), (0, 0)
-_OBSERVATIONS = (_Observation(*[0] * 4), _Observation(0, 0, 0, None))  # pyright: ignore[reportArgumentType]
+_OBSERVATIONS = (Observation(*[0] * 4), Observation(0, 0, 0, None))  # pyright: ignore[reportArgumentType]
 
 
 def _observe(
     banks: Bank,
     used: Bool[Array, "C N S"],
-    seen: _Observation,
+    seen: Observation,
     now: Int[Array, ""],
     channel: Channel,
 ) -> tuple[Bank, Bool[Array, "C N S"]]:
@@ -228,8 +207,7 @@ def _over_banks(function: Callable, axes: Sequence[tuple], out_axes: Any) -> Cal
     return jax.vmap(jax.vmap(function, of_detections, out_axes), of_channels, out_axes)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class _Met:
     """The prototypes that one observation resembles, in the work and in the stable bank."""
 
@@ -244,7 +222,7 @@ def _meet(
     banks: Bank,
     cosines: Float[Array, "2 S"],
     used: Bool[Array, "S"],
-    seen: _Observation,
+    seen: Observation,
     c: Channel,
     *,
     now: Int[Array, ""],
@@ -271,7 +249,7 @@ def _judge(
     met: _Met,
     twins: Float[Array, "S"],
     used: Bool[Array, "S"],
-    seen: _Observation,
+    seen: Observation,
     c: Channel,
     *,
     now: Int[Array, ""],
@@ -326,23 +304,17 @@ def _judge(
 
 
 def _feed_patches(
-    banks: Bank,
-    vector: Float[Array, "C N D"],
-    present: Bool[Array, "C N"],
-    permit: Permit,
-    now: Int[Array, ""],
-    channel: Channel,
-    patch_merge: Float[Array, ""],
+    banks: Bank, seen: Observation, now: Array, channel: Channel, patch_merge: Float[Array, ""]
 ) -> Bank:
     """The work prototype nearest to a ring patch in the end feeds the stable bank if proven.
 
     A full stable bank gives up its first entry, and joins its closest pair after what enters.
     """
 
-    def feed(banks: Bank, vector: Array, present: Array, permit: Permit, c: Channel):
-        work, stable = banks.work, banks.stable
-        proven = entry(work, nearest(work, vector)[0])
-        feeds = present & (work.size > 0) & permit.insert & (proven.hits >= c.promote_hits)
+    def feed(banks: Bank, seen: Observation, c: Channel) -> tuple[Bank, Array]:
+        work, stable, permit = banks.work, banks.stable, seen.permit
+        proven = entry(work, nearest(work, seen.vector)[0])
+        feeds = seen.present & (work.size > 0) & permit.insert & (proven.hits >= c.promote_hits)
         twin, cosine = nearest(stable, proven.embedding)
         known = cosine >= c.refresh.duplicate[STABLE]
         value = _feed(entry(stable, twin), cosine, proven, permit, c, now)
@@ -358,10 +330,8 @@ def _feed_patches(
         joined = merge_entries(entry(bank, i), entry(bank, j), now, cap)
         return change(bank, Edit(i, joined, joins, j, joins), joined, jnp.zeros_like(joins))
 
-    over_detections = jax.vmap(feed, (1, 0, 0, 0, None))
-    stable, enters = jax.vmap(over_detections, (1, 0, 0, None, 0))(
-        banks, vector, present, permit, channel
-    )
+    fed = _over_banks(feed, [_BANKS, _OBSERVATIONS, (None, 0)], 0)
+    stable, enters = fed(banks, seen, channel)
     stable = branch(
         jnp.any(enters),
         lambda: jax.vmap(jax.vmap(join, (0, 0, None)))(stable, enters, channel.cap),
@@ -376,17 +346,17 @@ def _feed(
 ) -> Bank:
     """A stable prototype that a work prototype, proven by unrated observations, resembles."""
     rule = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
-    seen = _Observation(proven.embedding, jnp.bool_(True), None, permit)
+    seen = Observation(proven.embedding, jnp.bool_(True), None, permit)
     return _refresh(seen, now, old, cosine, rule)
 
 
 def _refresh(
-    seen: _Observation, now: Int[Array, ""], old: Bank, cosine: Float[Array, ""], rule: Refresh
+    seen: Observation, now: Int[Array, ""], old: Bank, cosine: Float[Array, ""], rule: Refresh
 ) -> Bank:
     """Counts a hit and steps toward the vector; an unrated one has no quality to count."""
     vector, quality, permit = seen.vector, seen.quality, seen.permit
     scale = permit.rate if quality is None else permit.rate * quality
-    rate = similarity_rate(cosine, rule.duplicate, rule.margin, rule.rate_min, rule.rate_max, scale)
+    rate = _step(cosine, rule, scale)
     counted = old
     if quality is not None:
         rate = jnp.where(rule.by_quality, quality, rate)
@@ -398,3 +368,13 @@ def _refresh(
         embedding=move_toward(old.embedding, vector, rate),
         counts=count(old.hits + 1, now, counted.num_qualities),
     )
+
+
+def _step(cosine: Float[Array, ""], rule: Refresh, scale: Float[Array, ""]) -> Float[Array, ""]:
+    """Step by similarity: none in the margin, then low to high (method.md#similarity-step)."""
+    low, high = jnp.clip(rule.rate_min, 0.0, 1.0), jnp.clip(rule.rate_max, 0.0, 1.0)
+    low, high = jnp.minimum(low, high), jnp.maximum(low, high)
+    gate = rule.duplicate + rule.margin
+    ramp = jnp.clip(divide(cosine - gate, jnp.maximum(1e-6, 1.0 - gate)), 0.0, 1.0)
+    rate = (low + (high - low) * ramp) * jnp.clip(scale, 0.0, 1.0)
+    return jnp.where(cosine < gate, 0.0, rate)

@@ -1,7 +1,4 @@
-"""How a full bank makes room: it joins its closest pair, or gives up its weakest prototype.
-
-Rule: method.md#bank-room.
-"""
+"""How a full bank makes room: by a merge, or by giving up a prototype (method.md#bank-room)."""
 
 from __future__ import annotations
 
@@ -50,10 +47,7 @@ def weakest(
 ) -> Int[Array, ""]:
     """The prototype to give up: the least recently seen of all, or of the most redundant ones.
 
-    method.md#bank-room; the first among equals.
-
-    Args:
-      cosine: Of all pairs, -1 where there is none.
+    method.md#bank-room; the first among equals. The cosine is -1 where there is no pair.
     """
     alive = live(bank)
     others = jnp.where(jnp.eye(alive.shape[0], dtype=bool), -1.0, cosine)
@@ -65,10 +59,7 @@ def weakest(
 
 
 def merge_entries(left: Bank, right: Bank, now: Int[Array, ""], cap: Int[Array, ""]) -> Bank:
-    """Joins two prototypes by the weight of their hits, up to `cap`.
-
-    Rule: method.md#prototype-merge.
-    """
+    """Joins two prototypes by their hits, up to `cap` (method.md#prototype-merge)."""
     weights = [
         jnp.minimum(side.hits, jnp.maximum(1, cap)).astype(jnp.float32) for side in (left, right)
     ]

@@ -7,6 +7,7 @@ channels of a kind (two appearances, two rings, the sources of parts), `N` detec
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -15,6 +16,7 @@ from remind_jax.numerics.rounding import divide
 from remind_jax.observation import Descriptors
 from remind_jax.remind.memory.bank import (
     Channel,
+    Observation,
     Permit,
     Refresh,
     Room,
@@ -24,7 +26,7 @@ from remind_jax.remind.memory.bank import (
 )
 from remind_jax.remind.memory.prototypes import Bank
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.memory import Appearance, Background
+from remind_jax.remind.thresholds.memory import Appearance, Background, Parts
 from remind_jax.static import Static
 
 GLOBAL, TRIMMED = 0, 1
@@ -58,50 +60,37 @@ def observe_wholes(
     banks: Bank, d: Descriptors, permit: Permit, now: Array, static: Static, t: Thresholds
 ) -> Bank:
     """The look of the whole object and of its typical patches, and the mean of both rings."""
-    quality = jnp.concatenate(
-        [
-            appearance_quality(d.patch_sum, t.appearance),
-            ring_quality(d.ring_patches, d.mask_quality, t.background),
-        ],
-        axis=1,
-    )
+    of_look = appearance_quality(d.patch_sum, t.appearance)
+    of_rings = ring_quality(d.ring_patches, d.mask_quality, t.background)
+    quality = jnp.concatenate([of_look, of_rings], axis=1)
     vector = jnp.concatenate([d.appearance, d.rings], axis=1)
     present = jnp.concatenate([d.appearance_valid, d.rings_valid & t.background.enabled], axis=1)
     looks = [_appearance_channel(static, t.appearance, t.update.keep_first)] * 2
     rings = _ring_channels(static, t.background, t.update.keep_first)
     channel = side_by_side(*looks, *rings)
-    return observe_whole(
-        banks, jnp.swapaxes(vector, 0, 1), present.T, quality.T, permit, now, channel
-    )
+    seen = Observation(jnp.swapaxes(vector, 0, 1), present.T, quality.T, permit)
+    return observe_whole(banks, seen, now, channel)
 
 
 def _appearance_channel(static: Static, a: Appearance, keeps_first: Bool[Array, ""]) -> Channel:
     """How the look of an object is learned (method.md#appearance-learning)."""
+    s = static.switches
+    gives_up = s.appearance_evict, s.appearance_stable_evict
     return Channel(
-        refresh=Refresh(
-            duplicate=(a.duplicate, a.stable_duplicate),
-            margin=(a.update_margin, a.update_margin),
-            rate_min=(a.update_rate_min, a.update_rate_min),
-            rate_max=(a.update_rate_max, a.update_rate_max),
+        refresh=_refresh(
+            a,
             min_quality=(a.work_quality, a.stable_quality),
             by_quality=(~a.gated_update, ~a.gated_update),
         ),
-        room=Room(
-            capacity=static.switches.appearance_slots,
-            merge=(a.merge, a.stable_merge),
-            redundant=(
-                static.switches.appearance_evict == "redundant",
-                static.switches.appearance_stable_evict == "redundant",
-            ),
-        ),
-        cap=a.merge_cap if static.switches.appearance_merge == "capped" else 1,
+        room=_room(s.appearance_slots, (a.merge, a.stable_merge), *gives_up),
+        cap=a.merge_cap if s.appearance_merge == "capped" else 1,
         promote_hits=a.promote_hits,
         promote_quality=a.promote_quality,
         promotes=a.promote_hits > 0,
         create_quality=a.create_quality,
         keeps_first=keeps_first,
         refreshes_work=a.refresh_work,
-        novel=a.novel if static.switches.appearance_insert == "novel" else jnp.inf,
+        novel=a.novel if s.appearance_insert == "novel" else jnp.inf,
     )
 
 
@@ -126,23 +115,14 @@ def observe_parts(
     banks: Bank, d: Descriptors, permit: Permit, now: Array, static: Static, t: Thresholds
 ) -> Bank:
     """The parts of an object, one after the other (method.md#part-learning)."""
-    p = t.parts
+    p, s = t.parts, static.switches
     channel = Channel(
-        refresh=Refresh(
-            duplicate=(p.duplicate, p.stable_duplicate),
-            margin=(p.update_margin, p.update_margin),
-            rate_min=(p.update_rate_min, p.update_rate_min),
-            rate_max=(p.update_rate_max, p.update_rate_max),
-        ),
-        room=Room(
-            capacity=static.switches.part_slots,
-            merge=(p.merge, p.stable_merge),
-            redundant=(static.switches.part_evict == "redundant",) * 2,
-        ),
-        cap=p.merge_cap if static.switches.part_merge == "capped" else 1,
+        refresh=_refresh(p),
+        room=_room(s.part_slots, (p.merge, p.stable_merge), s.part_evict, s.part_evict),
+        cap=p.merge_cap if s.part_merge == "capped" else 1,
         promote_hits=p.promote_hits,
         promotes=p.promote_hits > 0,
-        novel=p.novel if static.switches.part_insert == "novel" else jnp.inf,
+        novel=p.novel if s.part_insert == "novel" else jnp.inf,
         one_to_one=p.one_to_one,
     )
     # [N C K ...] to [K C N ...]
@@ -174,6 +154,17 @@ def observe_ring_prototypes(
     )  # fmt: skip
 
 
+def _refresh(t: Appearance | Parts, **more: Any) -> Refresh:
+    """Both banks follow what they resemble by the same steps."""
+    return Refresh(
+        duplicate=(t.duplicate, t.stable_duplicate),
+        margin=(t.update_margin, t.update_margin),
+        rate_min=(t.update_rate_min, t.update_rate_min),
+        rate_max=(t.update_rate_max, t.update_rate_max),
+        **more,
+    )
+
+
 def _ring_refresh(b: Background) -> Refresh:
     return Refresh(
         duplicate=(b.duplicate, b.stable_duplicate),
@@ -185,9 +176,13 @@ def _ring_refresh(b: Background) -> Refresh:
     )
 
 
+def _room(capacity: tuple[int, int], merge: tuple[Array, Array], *gives_up: str) -> Room:
+    return Room(capacity, merge, tuple(what == "redundant" for what in gives_up))
+
+
 def _ring_room(capacity: tuple[int, int], static: Static, b: Background) -> Room:
-    redundant = static.switches.ring_evict == "redundant"
-    return Room(capacity, (b.merge, b.merge), (redundant, redundant))
+    gives_up = static.switches.ring_evict
+    return _room(capacity, (b.merge, b.merge), gives_up, gives_up)
 
 
 Observe = Callable[[Bank, Descriptors, Permit, Array, Static, Thresholds], Bank]

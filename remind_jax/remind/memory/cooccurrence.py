@@ -1,6 +1,4 @@
-"""Who is seen with whom: every object counts the others around it (paper III-D).
-
-Rule: method.md#episodes.
+"""Who is seen with whom: every object counts the others around it (method.md#episodes).
 
 Objects count episodes, not frames: an episode is a sighting in new surroundings, or after some
 time in the same ones. Letters: `N` detections, `O` object slots;
@@ -21,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest, rank_rising
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
@@ -31,8 +30,7 @@ from remind_jax.static import Static
 _TINY = 1e-12
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class CooccurrenceGraph:
     """Episodes of every object and its edges to others (method.md#episodes)."""
 
@@ -47,8 +45,7 @@ class CooccurrenceGraph:
     edge_order: Int[Array, "O O"]  # rises in the order in which the edges were made
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Sightings:
     """Which objects a frame shows, each by one detection."""
 
@@ -64,9 +61,7 @@ def gather_sightings(
 ) -> Sightings:
     """Finds the objects of a frame; of two detections of one object the later decided counts.
 
-    Args:
-      slot: Object slot of every matched or created detection, out of range for others.
-      order: Rises in the order in which the detections were decided.
+    `slot` is out of range for detections without object, `order` rises as they were decided.
     """
     num = slot.shape[0]
     shows = slot[:, None] == jnp.arange(num_objects)
@@ -112,16 +107,10 @@ def update_cooccurrence(
     static: Static,
     t: Rules,
 ) -> tuple[CooccurrenceGraph, Bool[Array, "N"]]:
-    """Lets every visible object decide whether this frame is an episode.
+    """Lets objects in view decide on an episode (method.md#episodes, method.md#neighbor-order).
 
-    Rules: method.md#episodes, method.md#neighbor-order.
-
-    Args:
-      ids: Ids of the objects, which break ties (method.md#set-order).
-
-    Returns:
-      The graph, and which detections show an object that accepted an episode. Its context is
-      then every other visible object.
+    Ids break ties (method.md#set-order). Also says which detections show an object that accepted an
+    episode; its context is then every other visible object.
     """
     slots, row = graph.episodes.shape[0], sightings.row
     around = sightings.visible & ~jnp.eye(slots, dtype=bool)
@@ -139,10 +128,7 @@ def _decide_episodes(
     frame: Int[Array, ""],
     t: Rules,
 ) -> tuple[CooccurrenceGraph, Bool[Array, "O"]]:
-    """Episode logic of the allowed objects; a forced episode keeps what is pending.
-
-    Rule: method.md#episodes.
-    """
+    """Episodes of the allowed objects; a forced one keeps what is pending (method.md#episodes)."""
     first = graph.episodes == 0
     forced = (t.force_frames > 0) & ~first & (frame - graph.last_episode >= t.force_frames)
     common, union, again = reduce_together(
@@ -178,10 +164,7 @@ def _entry_order(
     sightings: Sightings,
     ids: Int[Array, "O"],
 ) -> Int[Array, "O O"]:
-    """Rises in the order in which the edges of an episode are made, that of a set.
-
-    Rule: method.md#set-order.
-    """
+    """Order in which an episode makes its edges, that of a set (method.md#set-order)."""
     num, slots = sightings.row.shape[0], hit.shape[0]
     others = jnp.sum(sightings.visible, dtype=jnp.int32) - 1
     several = jnp.sum(hit & (graph.count == 0), axis=1) > 1
@@ -251,10 +234,7 @@ def _trim(graph: CooccurrenceGraph, sightings: Sightings, static: Static) -> Coo
 
 
 def rank_neighbors(graph: CooccurrenceGraph, by: Literal["weight", "recent"]) -> Int[Array, "R O"]:
-    """Position of every neighbor, the strongest or latest first; O where there is no edge.
-
-    Rule: method.md#neighbor-order.
-    """
+    """Position of every neighbor, O where there is no edge (method.md#neighbor-order)."""
     known = graph.count > 0
     keys = {"weight": (-graph.weight, -graph.edge_time), "recent": (-graph.edge_time,)}
     rank = rank_rising([~known, *keys[by], graph.edge_order])
@@ -273,14 +253,10 @@ def ranked_neighbors(
 def conditional(
     graph: CooccurrenceGraph, num_objects: Int[Array, ""], t: Rules
 ) -> Float[Array, "O O"]:
-    """Smoothed probability P[i, j] of seeing j in an episode of i, [0, 1].
+    """Smoothed P[i, j] of seeing j in an episode of i (method.md#conditional-probability).
 
-    Rule: method.md#conditional-probability.
-
-    Pairs never seen together have a share, too, and so has an object with itself.
-
-    Args:
-      num_objects: Objects in memory, in every lifecycle state.
+    Pairs never seen together have a share, too, and so has an object with itself. Objects count in
+    every lifecycle state.
     """
     scalar = graph.weight.dtype
     total = graph.episodes.astype(scalar) + t.smoothing * jnp.maximum(1, num_objects).astype(scalar)
@@ -291,11 +267,7 @@ def conditional(
 def reorder_cooccurrence(
     graph: CooccurrenceGraph, order: Int[Array, "O"], alive: Bool[Array, "O"]
 ) -> CooccurrenceGraph:
-    """Moves objects to other slots and forgets those that are gone, by others, too.
-
-    Args:
-      order: Old slot of every new one.
-    """
+    """Moves objects from the slots in `order`; what is gone is forgotten, by others, too."""
     empty = empty_cooccurrence(order.shape[0], graph.weight.dtype)
 
     def move(leaf: Array, blank: Array) -> Array:

@@ -1,6 +1,4 @@
-"""How far apart objects are: running means per pair and per three (paper III-D).
-
-Rule: method.md#distance-episodes.
+"""How far apart objects are: means by pair and by three (method.md#distance-episodes).
 
 Between two episodes an object collects its relations to the others in view; an episode condenses
 them to one value each, by medians in float32. Letters: `N`
@@ -19,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.memory.cooccurrence import Sightings
 from remind_jax.remind.memory.writing import write_rows
@@ -28,8 +27,7 @@ from remind_jax.remind.thresholds.relations import Relations as Rules
 PENDING_SLOTS = 3  # a forced episode comes before a fourth relation (method.md#pending-relations)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PendingRelations:
     """Relations since the last episode, the newest K of them, in no order.
 
@@ -51,8 +49,7 @@ class PendingRelations:
         return self.kind >= len(Contact)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Edges:
     """What objects know of single others; means run over episodes (method.md#distance-evidence)."""
 
@@ -68,8 +65,7 @@ class Edges:
         return jnp.sum(self.contact_count, axis=-1, dtype=jnp.int32)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class DistanceGraph:
     """Distances around every object (method.md#distance-episodes).
 
@@ -113,12 +109,7 @@ def update_distances(
     accepted: Bool[Array, "N"],
     t: Rules,
 ) -> DistanceGraph:
-    """Collects the relations of a frame and condenses those of objects with an episode.
-
-    Args:
-      accepted: Detections whose object accepted an episode in this frame, with all other visible
-        objects as its context (from `update_cooccurrence`).
-    """
+    """Collects the relations of a frame and condenses those of objects that accepted an episode."""
     slots = graph.nearer.shape[0]
     row = jnp.where(t.enabled, sightings.row, slots)
     old = jax.tree.map(lambda leaf: leaf[jnp.minimum(row, slots - 1)], graph)
@@ -178,10 +169,7 @@ class _Episode:
 
 
 def _condense(pending: PendingRelations) -> _Episode:
-    """Medians, mean and most frequent contact of the pending relations.
-
-    Rule: method.md#distance-episodes.
-    """
+    """Medians, mean and usual contact of pending relations (method.md#distance-episodes)."""
     slots = pending.kind.shape[-1]
     live = jnp.arange(slots) < pending.count[..., None]
     size = jnp.clip(pending.count, 1, slots).astype(jnp.float32)
@@ -270,11 +258,7 @@ def _learn_order(
 def reorder_distances(
     graph: DistanceGraph, order: Int[Array, "O"], alive: Bool[Array, "O"]
 ) -> DistanceGraph:
-    """Moves objects to other slots and forgets those that are gone, by others, too.
-
-    Args:
-      order: Old slot of every new one.
-    """
+    """Moves objects from the slots in `order`; what is gone is forgotten, by others, too."""
     slots = jnp.arange(order.shape[0])
 
     def move(leaf: Array) -> Array:

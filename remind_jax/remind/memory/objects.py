@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import count_before
 from remind_jax.remind.memory.writing import find_writers, write_column
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
@@ -24,8 +25,7 @@ class Lifecycle(enum.IntEnum):
     INACTIVE = 3
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Objects:
     """One row per remembered object."""
 
@@ -53,11 +53,7 @@ def create_objects(
     is_new: Bool[Array, "N"],
     next_id: Int[Array, ""],
 ) -> tuple[Objects, Int[Array, "N"]]:
-    """Gives each new detection the next free slot and id, in detection order.
-
-    Returns:
-      The objects, and the slot of each detection (`O` for detections that are not new).
-    """
+    """Gives each new detection the next free slot, `O` for the others, and id, in their order."""
     rank = count_before(is_new)
     return add_objects(objects, class_id, is_new, rank, next_id + rank)
 
@@ -69,11 +65,7 @@ def add_objects(
     rank: Int[Array, "N"],
     own_id: Int[Array, "N"],
 ) -> tuple[Objects, Int[Array, "N"]]:
-    """Puts the objects that detections found into the free slots, in the order of `rank`.
-
-    Returns:
-      The objects, and the slot of each detection (`O` for detections that found none).
-    """
+    """Puts the objects that are born into the free slots by `rank`; the slot of others is `O`."""
     slots = objects.id.shape[0]
     slot = jnp.where(born, jnp.sum(objects.exists, dtype=jnp.int32) + rank, slots)
     nothing = jnp.zeros_like(own_id)
@@ -115,11 +107,7 @@ def mark_seen(
 def mark_missed(
     objects: Objects, missed: Bool[Array, "O"], rules: Rules
 ) -> tuple[Objects, Bool[Array, "O"]]:
-    """Counts a frame of absence (method.md#lifecycle).
-
-    Returns:
-      The objects, and which of them stayed away so long that they may be forgotten.
-    """
+    """Counts a frame of absence, and says who may be forgotten for it (method.md#lifecycle)."""
     misses = objects.misses + missed
     young = missed & (objects.lifecycle <= Lifecycle.TENTATIVE)
     confirmed = missed & (objects.lifecycle == Lifecycle.CONFIRMED)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import enum
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -18,6 +17,7 @@ from remind_jax.decision import NUM_OPTIONS
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import choose, pytree
 from remind_jax.numerics.ranks import count_before
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.memory.writing import find_writers, write_column
@@ -35,8 +35,7 @@ class Kind(enum.IntEnum):
     PROVISIONAL = 2  # new, or a known object after all
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Items:
     """Undecided detections of a frame, as rows of `PendingTracks`."""
 
@@ -51,30 +50,14 @@ class Items:
     area: Float[Array, "N"]  # pixels
 
     @classmethod
-    def begun(
-        cls,
-        *,
-        known_id: Int[Array, "N K"],
-        known_score: Float[Array, "N K"],
-        center: Float[Array, "N 2"],
-        area: Float[Array, "N"],
-        **columns: Array,
-    ) -> Items:
+    def begun(cls, **columns: Array) -> Items:
         """Detections that are in no track yet; the other columns by name."""
-        (num, _), scalar = known_id.shape, known_score.dtype
-        return cls(
-            id=full(num, NO_ID, np.int32),
-            hits=zeros(num, np.int32),
-            known_id=known_id,
-            known_score=known_score,
-            center=center.astype(scalar),
-            area=area.astype(scalar),
-            **columns,
-        )
+        num, scalar = len(columns["known_id"]), columns["known_score"].dtype
+        columns |= {name: columns[name].astype(scalar) for name in ("center", "area")}
+        return cls(id=full(num, NO_ID, np.int32), hits=zeros(num, np.int32), **columns)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PendingTracks(Items):
     """One row per pending track; ids count up separately for each kind."""
 
@@ -110,10 +93,7 @@ def join_tracks(
     *,
     solver: str,
 ) -> Int[Array, "N"]:
-    """Finds the track that each undecided detection continues, -1 for none.
-
-    Rule: method.md#pending-joins.
-    """
+    """Track that each undecided detection continues, -1 for none (method.md#pending-joins)."""
     affinity, valid, same = _affinity(tracks, items, visual, rules)
     # Non-items form a group of their own that has no allowed pair.
     waiting = items.kind != Kind.FREE
@@ -150,25 +130,16 @@ def _affinity(
     )
     place = _place(items, tracks)
 
-    r = rules
-    names_fit = jnp.where(
-        ambiguous,
-        overlap >= r.ambiguous_min_overlap,
-        jnp.where(neither, r.provisional_without_parent, ~one_sided & (overlap > 0)),
-    )
-    looks_fit = visual >= jnp.where(ambiguous, r.ambiguous_min_visual, r.provisional_min_visual)
-    total = visual + jnp.where(
-        ambiguous,
-        r.ambiguous_overlap_weight * overlap
-        + r.ambiguous_scores_weight * scores
-        + r.ambiguous_place_weight * place,
-        r.provisional_overlap_weight * overlap
-        + r.provisional_scores_weight * scores
-        + r.provisional_place_weight * place,
-    )
-    enough = total >= jnp.where(ambiguous, r.ambiguous_min_total, r.provisional_min_total)
-    switched = jnp.where(ambiguous, r.ambiguous_matching, r.provisional_matching)
-    return total, same & names_fit & looks_fit & enough & switched, same
+    def of_kind(name: str) -> Array:
+        kinds = (getattr(rules, f"{kind}_{name}") for kind in ("ambiguous", "provisional"))
+        return jnp.where(ambiguous, *kinds)
+
+    shared = jnp.where(neither, rules.provisional_without_parent, ~one_sided & (overlap > 0))
+    fits = jnp.where(ambiguous, overlap >= rules.ambiguous_min_overlap, shared)
+    fits = fits & (visual >= of_kind("min_visual")) & of_kind("matching")
+    beside = of_kind("overlap_weight") * overlap + of_kind("scores_weight") * scores
+    total = visual + (beside + of_kind("place_weight") * place)
+    return total, same & fits & (total >= of_kind("min_total")), same
 
 
 def dice(
@@ -177,11 +148,7 @@ def dice(
     num_left: Int[Array, "N"],
     num_right: Int[Array, "P"],
 ) -> tuple[Float[Array, "N P"], Bool[Array, "N P"], Bool[Array, "N P"]]:
-    """Dice overlap of two sets of ids, whether exactly one is empty, and whether both are.
-
-    Args:
-      left: Ids, -1 padding.
-    """
+    """Dice overlap of two sets of ids, -1 padding; whether one is empty, and whether both are."""
     shared = (left[:, None, :, None] == right[None, :, None, :]) & (left >= 0)[:, None, :, None]
     common = jnp.sum(shared, axis=(2, 3))
     total = num_left[:, None] + num_right
@@ -231,9 +198,7 @@ def open_tracks(
 ) -> tuple[Int[Array, "N"], Int[Array, ""]]:
     """Gives a free slot to each undecided detection that continues no track.
 
-    Returns:
-      The slot of every undecided detection (`P` for the others and for those that do not fit), and
-      the slots needed in all.
+    Returns the slot of each, `P` for the others and those that do not fit, and the slots needed.
     """
     slots = tracks.kind.shape[0]
     fresh = (items.kind != Kind.FREE) & (joined == NO_SLOT)
@@ -272,9 +237,5 @@ def write_tracks(
 
 def end_tracks(tracks: PendingTracks, ended: Bool[Array, "P"]) -> PendingTracks:
     """Frees the slots of tracks."""
-
-    def free(name: str, nothing: int) -> Array:
-        column = getattr(tracks, name)
-        return jnp.where(ended.reshape(-1, *(1,) * (column.ndim - 1)), nothing, column)
-
-    return dataclasses.replace(tracks, **{name: free(name, one) for name, one in _FREE.items()})
+    freed = choose(ended, _FREE, {name: getattr(tracks, name) for name in _FREE})
+    return dataclasses.replace(tracks, **freed)

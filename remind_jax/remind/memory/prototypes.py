@@ -8,7 +8,6 @@ bank; map them over objects with `jax.vmap`. Letters: `S` slots, `D` dimensions.
 from __future__ import annotations
 
 import dataclasses
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,20 +19,18 @@ from remind_jax.numerics.columns import columns
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.pytree import choose, pytree
 from remind_jax.numerics.ranks import first_largest, largest
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.numerics.slices import spread_over_batch
 from remind_jax.remind.memory.writing import write_rows
 
-T = TypeVar("T")
-
 WORK, STABLE = 0, 1  # fresh prototypes, and those that proved themselves
 _QUALITY_RATE_MIN, _QUALITY_RATE_MAX = 0.08, 0.30
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Bank:
     """Prototypes of one kind, oldest first; leading axes are banks, channels and objects."""
 
@@ -170,8 +167,7 @@ def new_entry(vector: Float[Array, "D"], quality: Float[Array, ""], now: Int[Arr
     return Bank(vector, count(one, now.astype(jnp.int32), one), columns(quality, quality), one)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Edit:
     """What happens to the prototypes of a bank: one is replaced, then one taken out."""
 
@@ -193,18 +189,12 @@ def change(bank: Bank, edit: Edit, arrival: Bank, adds: Bool[Array, ""]) -> Bank
 
     def edit_slots(old: Array, value: Array, added: Array) -> Array:
         """All slots at once, which fuses with its neighbors, where a scatter would not."""
-        extra = (1,) * (old.ndim - 1)
-        after = jnp.concatenate([old[1:], jnp.zeros_like(old[:1])])
-        moved = jnp.where(shifts.reshape(-1, *extra), after, old)
-        kept = jnp.where(is_replaced.reshape(-1, *extra), value, moved)
-        return jnp.where(is_added.reshape(-1, *extra), added, kept)
+        moved = choose(shifts, jnp.concatenate([old[1:], jnp.zeros_like(old[:1])]), old)
+        return choose(is_added, added, choose(is_replaced, value, moved))
 
-    return Bank(
-        embedding=edit_slots(bank.embedding, edit.value.embedding, arrival.embedding),
-        counts=edit_slots(bank.counts, edit.value.counts, arrival.counts),
-        qualities=edit_slots(bank.qualities, edit.value.qualities, arrival.qualities),
-        size=end + adds.astype(jnp.int32),
-    )
+    size = end + adds.astype(jnp.int32)
+    slots = [dataclasses.replace(one, size=None) for one in (bank, edit.value, arrival)]
+    return dataclasses.replace(jax.tree.map(edit_slots, *slots), size=size)
 
 
 def change_all(banks: Bank, edit: Edit, arrival: Bank, adds: Bool[Array, "2 C N"]) -> Bank:
@@ -238,17 +228,6 @@ def change_all(banks: Bank, edit: Edit, arrival: Bank, adds: Bool[Array, "2 C N"
     return branch(jnp.any(edit.removes), change_banks, write_prototypes, suits_all=True)
 
 
-def choose(chosen: Bool[Array, "..."], new: T, old: T) -> T:
-    """Of each array the new one, which broadcasts, where chosen: by the leading axes of the old."""
-    return jax.tree.map(
-        lambda new, old: jnp.where(
-            chosen.reshape(*chosen.shape, *(1,) * (old.ndim - chosen.ndim)), new, old
-        ),
-        new,
-        old,
-    )
-
-
 def count_quality(value: Bank, quality: Float[Array, ""]) -> Bank:
     """Adds one observation quality to a prototype's record (method.md#prototype-quality)."""
     num = value.num_qualities + 1
@@ -268,26 +247,6 @@ def move_toward(
     step = rate.astype(jnp.float32)
     moved = to_unit((1.0 - step) * embedding + step * vector)
     return jnp.where(rate > 0, moved, embedding)
-
-
-def similarity_rate(
-    similarity: Float[Array, ""],
-    duplicate: Float[Array, ""],
-    margin: Float[Array, ""],
-    low: Float[Array, ""],
-    high: Float[Array, ""],
-    scale: Float[Array, ""],
-) -> Float[Array, ""]:
-    """Step of a similarity-gated update: none in the margin, then from `low` to `high`.
-
-    Rule: method.md#similarity-step.
-    """
-    low, high = jnp.clip(low, 0.0, 1.0), jnp.clip(high, 0.0, 1.0)
-    low, high = jnp.minimum(low, high), jnp.maximum(low, high)
-    gate = duplicate + margin
-    ramp = jnp.clip(divide(similarity - gate, jnp.maximum(1e-6, 1.0 - gate)), 0.0, 1.0)
-    rate = (low + (high - low) * ramp) * jnp.clip(scale, 0.0, 1.0)
-    return jnp.where(similarity < gate, 0.0, rate)
 
 
 def closest_pair(

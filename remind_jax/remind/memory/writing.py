@@ -9,7 +9,6 @@ Letters: `N` detections, `R` rows.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from typing import Any, TypeVar
 
@@ -19,13 +18,13 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
 from remind_jax.numerics.control_flow import count_up
+from remind_jax.numerics.pytree import choose, pytree
 from remind_jax.numerics.slices import give_axis
 
 T = TypeVar("T")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Writers:
     """Who writes each row."""
 
@@ -34,11 +33,7 @@ class Writers:
 
 
 def find_writers(row: Int[Array, "N"], num_rows: int) -> Writers:
-    """Looks up who writes each row; of several detections the last one does.
-
-    Args:
-      row: Row that each detection writes, out of range for none.
-    """
+    """Looks up who writes each row, the last of several; `row` is out of range for none."""
     turn = jnp.arange(1, row.shape[0] + 1, dtype=jnp.int32)[:, None]
     last = jnp.max(jnp.where(row[:, None] == jnp.arange(num_rows), turn, 0), axis=0, initial=0)
     return Writers(jnp.maximum(last - 1, 0), last > 0)
@@ -51,16 +46,13 @@ def write_column(
     value = jnp.asarray(value, column.dtype)
     if value.ndim:
         value = value.at[writers.detection].get(mode="promise_in_bounds")
-    written = writers.written.reshape(-1, *(1,) * (column.ndim - 1))
-    return jnp.where(written, value, column)
+    return choose(writers.written, value, column)
 
 
 def write_rows(memory: T, row: Int[Array, "N"], values: T, axis: int = 0) -> T:
-    """Memory with whole rows replaced, one detection after the other.
+    """Memory with whole rows replaced along an axis, one detection after the other.
 
-    Args:
-      row: Row that each detection writes, out of range for none.
-      axis: Where rows and detections are counted.
+    `row` is what each detection writes, out of range for none.
     """
     num_rows = jax.tree.leaves(memory)[0].shape[axis]
     written = (row >= 0) & (row < num_rows)

@@ -1,4 +1,1 @@
-"""What does each detection look like: pooling, parts, rings.
-
-Rules: method.md#perception (paper III-B).
-"""
+"""What each detection looks like: pooling, parts, rings (method.md#perception)."""

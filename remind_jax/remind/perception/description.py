@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from remind_jax.errors import ConfigError
 from remind_jax.numerics.pooling import keep_typical, pool
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import unit
 from remind_jax.observation import Descriptors, FrameFeats, Masks, PatchAttention
-from remind_jax.remind.perception.parts import cluster_parts, find_attention_parts
+from remind_jax.remind.perception.parts import Parts, cluster_parts, find_attention_parts
 from remind_jax.remind.perception.ring_prototypes import find_ring_prototypes
 from remind_jax.remind.perception.rings import find_rings, ring_weights
 from remind_jax.remind.thresholds import Thresholds
@@ -18,12 +20,18 @@ from remind_jax.remind.thresholds.perception import Perception
 from remind_jax.static import Static
 
 
+@pytree
+class DescribedFrame:
+    """What a decision is given of a frame."""
+
+    descriptors: Descriptors
+    masks: Masks  # without patch coverage, which nothing reads after the description
+
+
 def describe(
     frame_feats: FrameFeats, masks: Masks, static: Static, thresholds: Thresholds
 ) -> Descriptors:
-    """Describes every detection by its appearance, its parts and its background.
-
-    Rules: method.md#patch-coverage, method.md#object-descriptors.
+    """Describes every detection (method.md#patch-coverage, method.md#object-descriptors).
 
     Patches with a feature that is not finite are left out everywhere; a detection that loses all
     its patches is not valid. One that never covered a patch is, without any descriptor
@@ -122,9 +130,9 @@ def _describe_parts(
     members: Bool[Array, "N P"],
     static: Static,
     thresholds: Thresholds,
-) -> tuple[Float[Array, "N C K D"], Bool[Array, "N C K"], Float[Array, "N C K"]]:
-    """Parts of all channels with their support, padded to the channel that may have most."""
-    t, found = thresholds.perception, []
+) -> Parts:
+    """Parts of all channels `[N C K ...]`, padded to the channel that may have most."""
+    t, found = thresholds.perception, list[Parts]()
     for source in static.switches.part_channels:
         if source == "kmeans":
             found.append(cluster_parts(features, coverage, members, static, t))
@@ -140,13 +148,12 @@ def _describe_parts(
                 thresholds.attention_parts,
             )
         )  # fmt: skip
-    most = max(valid.shape[1] for _, valid, _ in found)
+    most = max(parts.exists.shape[1] for parts in found)
 
-    def pad(leaf: Array) -> Array:
-        missing = [(0, most - leaf.shape[1]) if axis == 1 else (0, 0) for axis in range(leaf.ndim)]
-        return jnp.pad(leaf, missing)
+    def join(*leaves: Array) -> Array:
+        """Side by side; the axis of the parts is the second."""
+        kept = [(0, 0)] * (leaves[0].ndim - 2)
+        padded = [jnp.pad(one, [(0, 0), (0, most - one.shape[1]), *kept]) for one in leaves]
+        return jnp.stack(padded, axis=1)
 
-    parts, valid, support = (
-        jnp.stack([pad(leaf) for leaf in leaves], axis=1) for leaves in zip(*found, strict=True)
-    )
-    return parts, valid, support
+    return jax.tree.map(join, *found)

@@ -1,16 +1,18 @@
-"""Parts of a detection: clusters of its patches, and what attention holds together.
+"""Parts of a detection (method.md#k-means-parts, method.md#attention-parts).
 
-Rules: method.md#k-means-parts, method.md#attention-parts.
 Letters: `N` detections, `P` patches, `K` clusters, `D` dimensions.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.pooling import TINY, dot, is_largest, keep_typical, pool
+from remind_jax.numerics.pytree import choose
 from remind_jax.numerics.ranks import rank_rising
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import unit
@@ -20,57 +22,54 @@ from remind_jax.solvers.clustering import kmeans
 from remind_jax.static import Static
 
 
+class Parts(NamedTuple):
+    """Parts of every detection, those that exist first."""
+
+    vector: Float[Array, "N K D"]  # unit
+    exists: Bool[Array, "N K"]
+    support: Float[Array, "N K"]  # summed coverage; number of patches if coverage does not weigh
+
+
 def cluster_parts(
     features: Float[Array, "P D"],
     coverage: Float[Array, "N P"],
     members: Bool[Array, "N P"],
     static: Static,
-    thresholds: Perception,
-) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
-    """Describes each object by up to K parts of differing appearance.
+    t: Perception,
+) -> Parts:
+    """Up to K parts of differing appearance, by falling support, or by cluster if alike ones stay.
 
     Patches are clustered by direction, parts are pooled from the raw features. What happens to a
     part that resembles a better supported one is up to `static.part_resembling`.
-
-    Returns:
-      Unit vectors by falling support (by cluster, if resembling parts stay), which of them exist,
-      and their summed coverage (their number of patches, if coverage does not weigh).
     """
-    t = thresholds
+    s = static.switches
     norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
     labels, _ = kmeans(
         features / norm,
         members & t.parts_enabled,
-        clusters=static.switches.part_clusters,
-        iterations=static.switches.part_iterations,
-        restarts=static.switches.part_restarts,
-        seed=static.switches.part_seed,
+        clusters=s.part_clusters,
+        iterations=s.part_iterations,
+        restarts=s.part_restarts,
+        seed=s.part_seed,
         solver=static.solver,
     )
-    inside = labels[:, None, :] == jnp.arange(static.switches.part_clusters)[:, None]
-    weights = weigh_patches(inside, coverage, static.switches.part_weighted)
+    inside = labels[:, None, :] == jnp.arange(s.part_clusters)[:, None]
+    weights = weigh_patches(inside, coverage, s.part_weighted)
     support = jnp.sum(weights, axis=-1)
     mean, present = pool_regions(
-        features,
-        weights,
-        inside,
-        static.switches.part_mean,
-        t.part_trim_keep,
-        t.part_trim_min_patches,
+        features, weights, inside, s.part_mean, t.part_trim_keep, t.part_trim_min_patches
     )
 
     size = jnp.sum(inside, axis=-1)
     # An object that is one cluster is one part by itself and is spared the test of size.
     count = jnp.sum(members, axis=-1, keepdims=True)
-    alone = jnp.minimum(count, static.switches.part_clusters) == 1
+    alone = jnp.minimum(count, s.part_clusters) == 1
     large = (size >= t.part_min_patches) & (support >= t.part_min_support)
     valid = present & (large | (alone & (size > 0)))
-    parts = unit(mean)
-    if static.switches.part_resembling == "keep":
-        return _compact(parts, valid, support)
-    return _merge_resembling(
-        parts, valid, support, t.part_merge, joins=static.switches.part_resembling == "join"
-    )
+    parts = Parts(unit(mean), valid, support)
+    if s.part_resembling == "keep":
+        return _compact(parts)
+    return _merge_resembling(parts, t.part_merge, joins=s.part_resembling == "join")
 
 
 def weigh_patches(
@@ -93,27 +92,15 @@ def pool_regions(
     means, present = pool(weights, features)
     if mean == "plain":
         return means, present
-    regions, patches = inside.shape[:2], inside.shape[2]
-    typical = keep_typical(
-        features,
-        means.reshape(-1, means.shape[-1]),
-        inside.reshape(-1, patches),
-        trim_keep,
-        trim_min_patches,
-    )
-    trimmed, left = pool(jnp.where(typical.reshape(*regions, patches), weights, 0.0), features)
+    flat = means.reshape(-1, means.shape[-1]), inside.reshape(-1, inside.shape[2])
+    typical = keep_typical(features, *flat, trim_keep, trim_min_patches).reshape(inside.shape)
+    trimmed, left = pool(jnp.where(typical, weights, 0.0), features)
     return trimmed, present & left
 
 
-def _merge_resembling(
-    parts: Float[Array, "N K D"],
-    valid: Bool[Array, "N K"],
-    support: Float[Array, "N K"],
-    merge: Float[Array, ""],
-    joins: bool,
-) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
+def _merge_resembling(given: Parts, merge: Float[Array, ""], joins: bool) -> Parts:
     """Visits parts by falling support; one that resembles a kept part is dropped or joins it."""
-    parts, valid, support = _sort(jnp.where(valid, -support, jnp.inf), parts, valid, support)
+    parts, valid, support = _sort(jnp.where(given.exists, -given.support, jnp.inf), given)
     ranks = jnp.arange(valid.shape[1])
     similarity = dot(parts, parts)
 
@@ -132,42 +119,31 @@ def _merge_resembling(
         total = support + added
         both = parts * support[..., None] + new * added[..., None]
         both = unit(both / jnp.where(total > TINY, total, 1.0)[..., None])
-        joined = into & (total > TINY)
-        return (
-            kept,
-            jnp.where(joined[..., None], both, parts),
-            jnp.where(joined, total, support),
-        )
+        return kept, *choose(into & (total > TINY), (both, total), (parts, support))
 
     kept = jnp.zeros_like(valid)
     kept, parts, support = jax.lax.fori_loop(0, valid.shape[1], visit, (kept, parts, support))
-    return _compact(parts, kept, support)
+    return _compact(Parts(parts, kept, support))
 
 
-def _compact(
-    parts: Float[Array, "N K D"], kept: Bool[Array, "N K"], support: Float[Array, "N K"]
-) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
-    """The kept parts first, in their order."""
-    parts, support = jnp.where(kept[..., None], parts, 0.0), jnp.where(kept, support, 0.0)
-    return _sort(~kept, parts, kept, support)
+def _compact(parts: Parts) -> Parts:
+    """The parts that exist first, in their order."""
+    vector, exists, support = parts
+    vector, support = jnp.where(exists[..., None], vector, 0.0), jnp.where(exists, support, 0.0)
+    return _sort(~exists, Parts(vector, exists, support))
 
 
-def _sort(
-    key: Shaped[Array, "N K"],
-    parts: Float[Array, "N K D"],
-    marked: Bool[Array, "N K"],
-    support: Float[Array, "N K"],
-) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
+def _sort(key: Shaped[Array, "N K"], parts: Parts) -> Parts:
     """The parts of each object by a rising key, equal ones in their order."""
     place = jnp.arange(key.shape[1])
     is_at = rank_rising([key])[:, None] == place[:, None]
-    marked, support, at = reduce_together(
-        ("any", is_at & marked[:, None]),
-        ("sum", jnp.where(is_at, support[:, None], 0.0)),
+    exists, support, at = reduce_together(
+        ("any", is_at & parts.exists[:, None]),
+        ("sum", jnp.where(is_at, parts.support[:, None], 0.0)),
         ("sum", jnp.where(is_at, place, 0)),
         axis=2,
     )
-    return jnp.take_along_axis(parts, at[..., None], axis=1), marked, support
+    return Parts(jnp.take_along_axis(parts.vector, at[..., None], axis=1), exists, support)
 
 
 def find_attention_parts(
@@ -177,13 +153,8 @@ def find_attention_parts(
     attention: PatchAttention,
     static: Static,
     t: AttentionParts,
-) -> tuple[Float[Array, "N S D"], Bool[Array, "N S"], Float[Array, "N S"]]:
-    """Describes each object by regions around the patches that matter most to its others.
-
-    Returns:
-      Unit vectors by falling importance of their seeds, which of them exist, and their summed
-      coverage (their number of patches, if coverage does not weigh).
-    """
+) -> Parts:
+    """Regions around the patches that matter most to the object's others, these first."""
     known = attention.patches >= 0
     at = jnp.maximum(attention.patches, 0)
     mine = members[:, at] & known
@@ -198,8 +169,7 @@ def find_attention_parts(
     mean, present = pool_regions(
         features, weights, inside, static.switches.attention_mean, t.trim_keep, t.trim_min_patches
     )
-    valid, support = exists & present, jnp.sum(weights, axis=-1)
-    return _compact(unit(mean), valid, support)
+    return _compact(Parts(unit(mean), exists & present, jnp.sum(weights, axis=-1)))
 
 
 def _choose_seeds(

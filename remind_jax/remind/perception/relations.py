@@ -5,13 +5,12 @@ Lengths are normalized by the mean side of the two masks. Letters: `N` detection
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import Masks
 from remind_jax.remind.thresholds.relations import Relations as Rules
 
@@ -30,8 +29,7 @@ class Contact(enum.IntEnum):
     TOUCH = 3
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Relations:
     """Every pair of detections; symmetric. The diagonal and padding are invalid."""
 

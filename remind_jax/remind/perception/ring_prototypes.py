@@ -1,6 +1,4 @@
-"""Typical patches of each background ring: clusters, joined where alike.
-
-Rule: method.md#ring-prototypes.
+"""Typical patches of each ring: clusters, joined where alike (method.md#ring-prototypes).
 
 Letters: `N` detections, `R = 2` rings (inner, outer), `P` patches, `K` clusters, `M` prototypes
 kept, `D` dimensions.
@@ -32,19 +30,12 @@ def find_ring_prototypes(
 ) -> RingPatches:
     """Describes each ring by the patches that stand for its largest and most uniform regions.
 
-    Args:
-      weights: Share of each ring patch that is background.
+    Weights are the share of each ring patch that is background.
     """
     norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
+    points, seed = features / norm, static.switches.ring_seed
     found = [
-        _describe_ring(
-            features / norm,
-            rings[:, ring],
-            weights[:, ring],
-            static.switches.ring_seed + ring,
-            static,
-            t,
-        )
+        _describe_ring(points, rings[:, ring], weights[:, ring], seed + ring, static, t)
         for ring in range(rings.shape[1])
     ]
     vectors, valid = (jnp.stack(leaves, axis=1) for leaves in zip(*found, strict=True))

@@ -17,15 +17,10 @@ INNER, OUTER = 0, 1
 def find_rings(
     object_patches: Bool[Array, "N Hp Wp"], max_radius: int, thresholds: Perception
 ) -> Bool[Array, "N R Hp Wp"]:
-    """Finds the patches at small distances around each object, leaving out its border.
+    """The inner and the outer ring of patches around each object, without its border; may be empty.
 
-    A ring that holds too few patches (at the edge of the frame, between objects) grows outwards.
-
-    Args:
-      max_radius: Static bound of every radius, in patches.
-
-    Returns:
-      The inner and the outer ring; both empty if the object has no patch.
+    A ring that holds too few patches (at the edge of the frame, between objects) grows outwards, to
+    `max_radius` patches at most.
     """
     t = thresholds
     distance = _chebyshev_distance(object_patches, max_radius)

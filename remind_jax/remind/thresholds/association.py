@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
-
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.kinds import Gate, Real
 from remind_jax.settings.record import setting
 
@@ -19,8 +16,7 @@ _D = "association.ambiguity"
 # fmt: off
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Similarity:
     """One visual score from the channels (method.md#channel-scores, method.md#visual-score)."""
 
@@ -102,8 +98,7 @@ class Similarity:
         key=f"{_Q}.background.min_mask_quality")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Diagnosis:
     """How clear the evidence of one detection is (method.md#reliable-anchors, method.md#status)."""
 
@@ -141,8 +136,7 @@ class Diagnosis:
         more="as gap_scale, where that is too small", key=f"{_C}.min_gap_k")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Matching:
     """Gates, locks and the joint assignment (method.md#gating, method.md#joint-assignment)."""
 

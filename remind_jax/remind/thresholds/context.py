@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
-
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.kinds import Gate, Real, Whole
 from remind_jax.settings.record import setting
 
@@ -17,8 +14,7 @@ _V = "association.matching.neighbor_sets_context_veto"
 # fmt: off
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Sets:
     """How sets of objects that may be in view are built and scored (method.md#hypotheses)."""
 
@@ -122,13 +118,9 @@ class Sets:
         more="more members are short-listed", key=f"{_S}.core.shortlist_rel")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Influence:
-    """What the context adds to or takes from a candidate.
-
-    Rules: method.md#class-summary, method.md#cooccurrence-bonus.
-    """
+    """What context adds or takes (method.md#class-summary, method.md#cooccurrence-bonus)."""
 
     enabled: Gate = setting(True, "context at all; off also stops rescue and vetoes",
         key=f"{_I}.enabled")
@@ -228,8 +220,7 @@ class Influence:
         "support", more="more contradictions", key=f"{_I}.contradiction.max_rel")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Veto:
     """When the context rules a pair out (method.md#veto)."""
 

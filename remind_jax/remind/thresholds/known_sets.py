@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
-
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.kinds import Gate, Real, Whole
 from remind_jax.settings.record import setting
 
@@ -15,8 +12,7 @@ _K = "association.ambiguous_tracks.known_set_distance_disambiguation"
 # fmt: off
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class KnownSets:
     """When closed groups of look-alikes are told apart by distances (method.md#known-sets).
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
-
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.kinds import Gate, Real, Whole
 from remind_jax.settings.record import setting
 
@@ -17,8 +14,7 @@ _P = "update.parts_memory"
 # fmt: off
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Appearance:
     """Appearance banks (method.md#banks, method.md#appearance-learning)."""
 
@@ -64,8 +60,7 @@ class Appearance:
         more="the more proven of two merged prototypes prevails more", key=f"{_A}.count_cap")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Background:
     """Background ring banks (method.md#banks, method.md#background-learning)."""
 
@@ -122,8 +117,7 @@ class Background:
         more="the more proven of two merged prototypes prevails more", key=f"{_B}.count_cap")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Parts:
     """Part banks (method.md#banks, method.md#part-learning)."""
 
@@ -154,8 +148,7 @@ class Parts:
         more="the more proven of two merged prototypes prevails more", key=f"{_P}.merge.count_cap")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Lifecycle:
     """When objects are confirmed, put aside and forgotten (method.md#lifecycle)."""
 
@@ -172,8 +165,7 @@ class Lifecycle:
         key="update.inactive_ttl")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Update:
     """How much of an observation reaches memory (method.md#update-permit, method.md#first-view)."""
 

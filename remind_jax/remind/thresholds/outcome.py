@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
-
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.kinds import Gate, Real, Whole
 from remind_jax.settings.record import setting
 
@@ -20,8 +17,7 @@ _V = "update.provisional_new"
 # fmt: off
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Stability:
     """When an assignment among look-alikes is too close to call (method.md#identity-stability)."""
 
@@ -43,8 +39,7 @@ class Stability:
         key=f"{_S}.fragile_gate_reasons", listed="PASS_MATCH_THR")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Competition:
     """When a new detection and a match claim one object (method.md#competition)."""
 
@@ -67,13 +62,9 @@ class Competition:
         more="more competitions with confirmed objects", key=f"{_C}.confirmed_pair_gap_max")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Ambiguous:
-    """When a detection could be one of several known objects.
-
-    Rules: method.md#plausible-score, method.md#ambiguity.
-    """
+    """When it could be one of several (method.md#plausible-score, method.md#ambiguity)."""
 
     enabled: Gate = setting(True, "detections may stay undecided between known objects",
         key=f"{_A}.enabled")
@@ -129,13 +120,9 @@ class Ambiguous:
         most=3, why="an undecided detection names three objects at most")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Provisional:
-    """When an unmatched detection may still be a known object.
-
-    Rules: method.md#plausible-score, method.md#provisional.
-    """
+    """When it may still be known (method.md#plausible-score, method.md#provisional)."""
 
     enabled: Gate = setting(True, "unmatched detections may stay provisional", key=f"{_P}.enabled")
     min_top: Real = setting(0.60, "least score of the best supported object", "score",
@@ -177,13 +164,9 @@ class Provisional:
         more="more near misses stay provisional", key=f"{_P}.visual_fallback.max_close")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Pending:
-    """How undecided detections of successive frames are joined to tracks.
-
-    Rule: method.md#pending-tracks.
-    """
+    """How undecided detections are joined to tracks (method.md#pending-tracks)."""
 
     ambiguous_enabled: Gate = setting(True, "remember ambiguous detections", key=f"{_U}.enabled")
     ambiguous_matching: Gate = setting(True, "and join them over time",

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
-
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.kinds import Gate, Real, Whole
 from remind_jax.settings.record import setting
 
@@ -20,8 +17,7 @@ _B = "update.background_memory"
 # fmt: off
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Perception:
     """What each detection looks like.
 
@@ -88,8 +84,7 @@ class Perception:
         key=f"{_R}.ring_mode", theirs={"disjoint": False, "nested": True})
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class AttentionParts:
     """Regions around the patches that others attend to (method.md#attention-parts).
 
@@ -110,12 +105,9 @@ class AttentionParts:
         more="only larger regions are trimmed", key=f"{_ATTENTION}.trimmed_min_patches")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class RingPrototypes:
-    """How rings are split, remembered and compared.
-
-    Rules: method.md#ring-prototypes, method.md#ring-prototype-learning.
+    """Rings in patches (method.md#ring-prototypes, method.md#ring-prototype-learning).
 
     Only with `static.ring_prototypes`; what is not here follows `background` and `similarity`.
     """

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
-
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.kinds import Gate, Real, Whole
 from remind_jax.settings.record import setting
 
@@ -16,8 +13,7 @@ _D = "memory.neighbors_distance"
 # fmt: off
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Cooccurrence:
     """Who is seen with whom (method.md#episodes)."""
 
@@ -36,8 +32,7 @@ class Cooccurrence:
         more="old company is forgotten more slowly; 1: never", key=f"{_N}.decay_per_episode")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Relations:
     """How two things in one frame lie to each other (method.md#relations)."""
 

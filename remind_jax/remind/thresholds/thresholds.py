@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
-
+from remind_jax.numerics.pytree import pytree
 from remind_jax.remind.thresholds.association import Diagnosis, Matching, Similarity
 from remind_jax.remind.thresholds.context import Influence, Sets, Veto
 from remind_jax.remind.thresholds.known_sets import KnownSets
@@ -26,8 +25,7 @@ from remind_jax.remind.thresholds.relations import Cooccurrence, Relations
 from remind_jax.settings.arrays import AsArrays
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Thresholds(AsArrays):
     """All traced numbers of the tracker by the stage that reads them."""
 

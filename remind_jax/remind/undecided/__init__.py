@@ -1,4 +1,1 @@
-"""Who stays undecided: stability, competition, ambiguous and provisional tracks.
-
-Rules: method.md#undecided.
-"""
+"""Who stays undecided: look-alikes, competition, provisional tracks (method.md#undecided)."""

@@ -22,11 +22,7 @@ from remind_jax.remind.undecided.temporal import (
 
 
 def find_ambiguous(table: PairTable, slot: Int[Array, "N"], creates: Bool[Array, "N"]) -> Undecided:
-    """Finds detections, matched or not, whose candidates are too close to tell apart.
-
-    Args:
-      slot: Matched object of each detection, -1 none.
-    """
+    """Detections, matched to a slot or not, whose candidates are too close to tell apart."""
     t, width = table.thresholds.ambiguous, table.plausible.shape[1]
     matched = slot >= 0
     mine = slot[:, None] == jnp.arange(width)
@@ -142,10 +138,7 @@ def _conflict_entries(
     best: Int[Array, "N 2"],
     score: Float[Array, "N O"],
 ) -> Undecided:
-    """An unsupported match with the best of its close rivals: ambiguous at once.
-
-    Rule: method.md#ambiguity.
-    """
+    """An unsupported match and its best close rivals: ambiguous at once (method.md#ambiguity)."""
     match = jnp.argmax(mine, axis=1).astype(jnp.int32)
     slots = jnp.concatenate([match[:, None], best], axis=1)
     scores = jnp.take_along_axis(score, jnp.maximum(slots, 0), axis=1)

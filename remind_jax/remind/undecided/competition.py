@@ -19,27 +19,23 @@ from remind_jax.remind.undecided.temporal import SUPPORTED, PairTable, rank, tem
 
 
 def withdraw_second_claims(
-    table: PairTable,
-    slot: Int[Array, "N"],
-    score: Float[Array, "N"],
-    enabled: Bool[Array, ""],
-    most: Int[Array, ""],
+    table: PairTable, slot: Int[Array, "N"], score: Float[Array, "N"]
 ) -> Undecided:
     """Finds detections whose object another detection holds with a better score.
 
     They become ambiguous between that object and their other plausible candidates. Among equals
     the first detection keeps the object.
     """
-    num, width = table.plausible.shape
+    (num, width), t = table.plausible.shape, table.thresholds
     first = jnp.arange(num)
     rival = (slot[:, None] == slot[None]) & (slot >= 0)[:, None]
     better = score[None] > score[:, None]
     better = better | ((score[None] == score[:, None]) & (first[None] < first[:, None]))
-    loses = jnp.any(rival & better, axis=1) & enabled
+    loses = jnp.any(rival & better, axis=1) & t.matching.one_detection_each
 
     claimed = slot[:, None] == jnp.arange(width)
     others = table.plausible & ~claimed
-    slots, scores = rank(temporal_score(table, others), others, most - 1)
+    slots, scores = rank(temporal_score(table, others), others, t.ambiguous.max_candidates - 1)
     return Undecided(
         present=loses,
         slot=jnp.concatenate([slot[:, None], slots[:, :-1]], axis=1),
@@ -58,9 +54,7 @@ def find_competitions(
 ) -> tuple[Undecided, Int[Array, "N"]]:
     """Finds new detections that score nearly as a matched detection does on its object.
 
-    Returns:
-      The entries, and the id of the object that a detection founds, -1 none
-      (method.md#provisional-commit).
+    Also gives the id of the object that a detection founds, -1 none (method.md#provisional-commit).
     """
     (num, width), t = table.pairs.eligible.shape, table.thresholds.competition
     known = table.pairs.score_known

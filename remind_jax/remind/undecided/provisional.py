@@ -10,11 +10,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason, Status
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.ranks import rank_rising
+from remind_jax.numerics.pytree import choose, pytree
+from remind_jax.numerics.ranks import rank_rising, rank_two
 from remind_jax.numerics.reductions import reduce_together
-from remind_jax.remind.association.diagnosis import admit_by_status, rank_two
+from remind_jax.remind.association.diagnosis import admit_by_status
 from remind_jax.remind.disambiguation.groups import Undecided
-from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.temporal import (
     CANDIDATES,
     PLAUSIBLE,
@@ -26,8 +26,7 @@ from remind_jax.remind.undecided.temporal import (
 )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Doubts:
     """Unmatched detections that may be known after all."""
 
@@ -75,15 +74,15 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
     first, first_score, raw_top = slots[0], tops[0], slots[2]
     hint, hint_score = slots[4], tops[4]
     blocked_ok = some & held[first] & (first_score >= t.min_top)
-    near_miss = _is_near_miss(visual, plausible, candidate, tops[3:], seconds[3:], thresholds)
+    near_miss = _is_near_miss(table, tops[3:], seconds[3:])
     near_miss = near_miss & (~t.visual_single_only | (num_candidates == 1))
     near_miss = near_miss & t.visual_fallback & (~some | ~t.visual_only_without_context)
     admitted = admit_by_status(status, t.from_strong, t.from_ambiguous, t.from_weak)
     bad_status = ~admitted & ~blocked_ok & ~near_miss
 
     only_raw = ~some & (num_plausible == 0) & near_miss
-    choose = lambda leaf: jnp.where(only_raw, leaf[2], jnp.where(some, leaf[0], leaf[1]))  # noqa: E731
-    best_slot, best = choose(slots), choose(tops)
+    at_best = lambda leaf: jnp.where(only_raw, leaf[2], jnp.where(some, leaf[0], leaf[1]))  # noqa: E731
+    best_slot, best = at_best(slots), at_best(tops)
     asked = creates & (num_candidates > 0) & ((num_plausible > 0) | only_raw) & t.enabled
     asked = asked & (some | near_miss | ~t.require_context) & (best >= t.min_top)
 
@@ -92,11 +91,12 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
     known, known_score = rank(score, near, t.max_support)
     lacks = known[:, 0] == NO_SLOT
     asked = asked & (~lacks | near_miss | blocked_ok | ~t.require_context)
-    known, known_score = _fill(known, known_score, lacks & blocked_ok, first, first_score)
-    hinted = lacks & ~blocked_ok & near_miss
-    known, known_score = _fill(known, known_score, hinted, hint, hint_score)
-    by_hint = hinted  # the visual hint alone speaks for it
-    known, known_score = _promote(known, known_score, score, supported, held, thresholds)
+    by_hint = lacks & ~blocked_ok & near_miss  # the visual hint alone speaks for it
+    lone, lone_score = choose(blocked_ok, (first, first_score), (hint, hint_score))
+    filled = (jnp.arange(known.shape[1]) == 0) & (lacks & (blocked_ok | near_miss))[:, None]
+    known = jnp.where(filled, lone[:, None], known)
+    known_score = jnp.where(filled, lone_score[:, None], known_score)
+    known, known_score = _promote(table, known, known_score, held)
 
     blocked = (known != NO_SLOT) & held[jnp.maximum(known, 0)]
     count, num_blocked = reduce_together(("sum", known != NO_SLOT), ("sum", blocked), axis=1)
@@ -127,54 +127,32 @@ def question_births(table: PairTable, creates: Bool[Array, "N"], held: Bool[Arra
 
 
 def _is_near_miss(
-    visual: Float[Array, "N O"],
-    plausible: Bool[Array, "N O"],
-    candidate: Bool[Array, "N O"],
-    tops: Float[Array, "2 N"],
-    seconds: Float[Array, "2 N"],
-    thresholds: Thresholds,
+    table: PairTable, tops: Float[Array, "2 N"], seconds: Float[Array, "2 N"]
 ) -> Bool[Array, "N"]:
     """A clear visual winner that just missed the match threshold (method.md#near-miss).
 
     `tops` and `seconds` are the two best visual scores of plausible ones and of all candidates.
     """
+    thresholds, comparison = table.thresholds, table.comparison
     t, match = thresholds.provisional, thresholds.matching.match
     some = tops[0] > 0
     top, second = jnp.where(some, tops[0], tops[1]), jnp.where(some, seconds[0], seconds[1])
-    among = jnp.where(some[:, None], plausible, candidate)
-    near = among & (visual >= (top - jnp.maximum(0.0, thresholds.diagnosis.close))[:, None])
+    among = jnp.where(some[:, None], table.plausible, comparison.candidate)
+    near = among & (
+        comparison.score >= (top - jnp.maximum(0.0, thresholds.diagnosis.close))[:, None]
+    )
     lack = match - top
     ok = (top >= t.visual_min_score) & (match > 0)
     ok = ok & (lack >= 0) & (lack <= t.visual_margin) & (top - second >= t.visual_min_gap)
     return ok & (jnp.sum(near, axis=1) <= t.visual_max_close)
 
 
-def _fill(
-    slots: Int[Array, "N K"],
-    scores: Float[Array, "N K"],
-    when: Bool[Array, "N"],
-    slot: Int[Array, "N"],
-    score: Float[Array, "N"],
-) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
-    """Names one object where none is named yet."""
-    first = (jnp.arange(slots.shape[1]) == 0) & when[:, None]
-    slots = jnp.where(first, slot[:, None].astype(jnp.int32), slots)
-    return slots, jnp.where(first, score[:, None], scores)
-
-
 def _promote(
-    known: Int[Array, "N K"],
-    known_score: Float[Array, "N K"],
-    score: Float[Array, "N O"],
-    supported: Bool[Array, "N O"],
-    held: Bool[Array, "O"],
-    thresholds: Thresholds,
+    table: PairTable, known: Int[Array, "N K"], known_score: Float[Array, "N K"], held: Array
 ) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
-    """Beside a lone support that is taken, names further supported objects.
-
-    Rule: method.md#provisional.
-    """
-    t, min_visual = thresholds.provisional, thresholds.matching.min_visual
+    """Beside a lone support that is taken, names further ones (method.md#provisional)."""
+    t, min_visual = table.thresholds.provisional, table.thresholds.matching.min_visual
+    score, supported = table.temporal[PLAUSIBLE], table.supported
     named = known != NO_SLOT
     count, taken = reduce_together(
         ("sum", named), ("any", named & held[jnp.maximum(known, 0)]), axis=1
@@ -186,10 +164,7 @@ def _promote(
     more, more_score = rank(score, others, lacking, later_first=True)
     slots = jnp.concatenate([known[:, :1], more[:, :-1]], axis=1)
     scores = jnp.concatenate([known_score[:, :1], more_score[:, :-1]], axis=1)
-    return (
-        jnp.where(lone[:, None], slots, known),
-        jnp.where(lone[:, None], scores, known_score),
-    )
+    return choose(lone, (slots, scores), (known, known_score))
 
 
 def _as_entries(

@@ -1,6 +1,4 @@
-"""When does an undecided detection found an object? The provisional commit.
-
-Rule: method.md#provisional-commit.
+"""When an undecided detection founds an object (method.md#provisional-commit).
 
 At once: the new one of two competitors gets an id in advance and founds its object although it
 stays ambiguous. Later: a new object grows out of the track of a provisional detection, which ends.
@@ -13,7 +11,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.control_flow import branch
@@ -23,7 +21,7 @@ from remind_jax.numerics.set_order import iteration_rank
 from remind_jax.remind.memory.objects import Objects, add_objects
 from remind_jax.remind.memory.pending import Items, Kind, PendingTracks, dice
 from remind_jax.remind.thresholds.outcome import Pending
-from remind_jax.remind.undecided.temporal import rank, to_mask
+from remind_jax.remind.undecided.temporal import PairTable, rank, to_mask
 
 
 def reserve_ids(
@@ -34,9 +32,7 @@ def reserve_ids(
 ) -> Int[Array, "N"]:
     """Ids in advance, by rising parent, behind all other births that the frame may bring.
 
-    Args:
-      founder: Detections that may found an object although they stay ambiguous.
-      parent: Object that each of them competes for, no two for the same.
+    No two founders, which stay ambiguous, compete for the same parent.
     """
     turn = jnp.sum(founder & (parent < parent[:, None]), axis=1, dtype=jnp.int32)
     others = jnp.sum(creates & ~founder, dtype=jnp.int32)
@@ -62,10 +58,7 @@ def found_reserved(
     reserved: Int[Array, "N"],
     next_id: Int[Array, ""],
 ) -> tuple[Objects, Int[Array, "N"], Int[Array, ""]]:
-    """Creates the objects with reserved ids, by rising id; ids between stay unused.
-
-    Rule: method.md#object-ids.
-    """
+    """Creates objects by rising reserved id; ids between stay unused (method.md#object-ids)."""
     rank = rank_rising([jnp.where(founds, reserved, jnp.iinfo(jnp.int32).max)])
     objects, slot = add_objects(objects, class_id, founds, rank, reserved)
     last = jnp.max(jnp.where(founds, reserved, NO_ID))
@@ -73,19 +66,14 @@ def found_reserved(
 
 
 def support_births(
-    score: Float[Array, "N O"],
-    plausible: Bool[Array, "N O"],
-    objects: Objects,
-    class_id: Int[Array, "N"],
-    is_new: Bool[Array, "N"],
+    table: PairTable, objects: Objects, class_id: Int[Array, "N"], is_new: Bool[Array, "N"]
 ) -> Int[Array, "N K"]:
-    """Slots of the known objects that speak for each new detection, the best first.
-
-    Rule: method.md#birth-origins.
+    """The best known objects that speak for each new detection (method.md#birth-origins).
 
     Which of equals are named follows the order of the original's set of a class
     (method.md#set-order); without any evidence all are equal.
     """
+    score, plausible = table.pairs.score_known, table.plausible
     by_id, _ = rank(score, plausible)
     (last,) = pick_in_rows(by_id[:, -1], score)
     equal, named = plausible & (score == last[:, None]), to_mask(by_id, score.shape[1])
@@ -112,11 +100,7 @@ def claim_origins(
     support_id: Int[Array, "N K"],
     rules: Pending,
 ) -> Bool[Array, "P"]:
-    """Provisional tracks that end because a new object grows out of them (method.md#birth-origins).
-
-    Args:
-      support_id: Known objects that speak for each, -1 padding.
-    """
+    """Provisional tracks that end as a new object grows out of them (method.md#birth-origins)."""
     slots = tracks.kind.shape[0]
     num_named = jnp.sum(tracks.known_id >= 0, axis=1, dtype=jnp.int32)
 

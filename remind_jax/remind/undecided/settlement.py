@@ -1,7 +1,4 @@
-"""Who stays undecided? Guards after the assignment and their reconciliation.
-
-Rules: method.md#settlement-rounds, method.md#entry-priority.
-"""
+"""Who stays undecided? (method.md#settlement-rounds, method.md#entry-priority)."""
 
 from __future__ import annotations
 
@@ -12,12 +9,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.disambiguation.known_sets import Settled, settle_known_sets
-from remind_jax.remind.memory.distances import DistanceGraph
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import MatchOrigin
 from remind_jax.remind.state import TrackerState
@@ -29,8 +26,7 @@ from remind_jax.remind.undecided.temporal import PairTable, prefer
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Settlement:
     """The verdict on every detection; ambiguous and provisional outrank matched and new."""
 
@@ -77,17 +73,17 @@ def settle(
     )
 
     def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[Undecided, Settled]]:
-        return _reconcile(
-            open_, turn, table, exists, state.distances, descriptors, relations, static
-        )
+        settled = settle_known_sets(
+            open_.entries, descriptors.class_id, open_.slot, open_.turn, table.comparison.candidate,
+            table.pairs, exists, relations, state.distances, static, table.thresholds.known_sets,
+        )  # fmt: skip
+        return _follow_layout(open_, settled, turn, table), (open_.entries, settled)
 
     turns = jnp.arange(static.switches.max_passes, dtype=jnp.int32)
     open_, (asked, answers) = jax.lax.scan(reconcile, open_, turns)
     undecided = open_.entries.present | open_.doubts.present
-    second = withdraw_second_claims(
-        table, jnp.where(undecided, NO_SLOT, open_.slot), open_.score,
-        table.thresholds.matching.one_detection_each, table.thresholds.ambiguous.max_candidates,
-    )  # fmt: skip
+    claimed = jnp.where(undecided, NO_SLOT, open_.slot)
+    second = withdraw_second_claims(table, claimed, open_.score)
     entries = prefer(open_.entries, second)
     undecided = undecided | second.present
     return Settlement(
@@ -104,8 +100,7 @@ def settle(
     )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class _Open:
     """What the passes of the reconciliation hand on."""
 
@@ -118,44 +113,18 @@ class _Open:
     doubts: Doubts
 
 
-def _reconcile(
-    open_: _Open,
-    turn: Int[Array, ""],
-    table: PairTable,
-    exists: Bool[Array, "O"],
-    distances: DistanceGraph,
-    descriptors: Descriptors,
-    relations: Relations,
-    static: Static,
-) -> tuple[_Open, tuple[Undecided, Settled]]:
-    """One pass: layout settles closed groups, then births are questioned.
-
-    Rule: method.md#settlement-rounds.
-    """
-    entries = open_.entries
-    settled = settle_known_sets(
-        entries,
-        descriptors.class_id,
-        open_.slot,
-        open_.turn,
-        table.comparison.candidate,
-        table.pairs,
-        exists,
-        relations,
-        distances,
-        static,
-        table.thresholds.known_sets,
-    )
+def _follow_layout(open_: _Open, settled: Settled, turn: Int[Array, ""], table: PairTable) -> _Open:
+    """Takes over what layout settled and questions births again (method.md#settlement-rounds)."""
     found = settled.resolved_slot >= 0
     late = MatchOrigin.DISTANCE_FULL_POSTCREATE - MatchOrigin.DISTANCE_FULL
     by_layout = settled.source + jnp.where(turn > 0, late, 0)
     slot = jnp.where(found, settled.resolved_slot, open_.slot)
     creates = open_.creates & ~found
-    entries = dataclasses.replace(entries, present=settled.remaining)
+    entries = dataclasses.replace(open_.entries, present=settled.remaining)
 
     held = jnp.any(slot[:, None] == jnp.arange(table.plausible.shape[1]), axis=0)
     doubts = question_births(table, creates & ~entries.present, held)
-    after = _Open(
+    return _Open(
         slot=slot,
         score=jnp.where(found, settled.resolved_score, open_.score),
         source=jnp.where(found, by_layout, open_.source).astype(jnp.int32),
@@ -164,4 +133,3 @@ def _reconcile(
         entries=prefer(entries, doubts.ambiguous),
         doubts=doubts,
     )
-    return after, (open_.entries, settled)

@@ -1,6 +1,4 @@
-"""Assignments among look-alikes that are too close to call.
-
-Rules: method.md#identity-stability, method.md#stability-entries.
+"""Assignments too close to call (method.md#identity-stability, method.md#stability-entries).
 
 Matched detections of a class and their objects form components of rivals. In a small component the
 two best complete assignments are compared; a component that leans on rescued pairs is solved again
@@ -10,7 +8,6 @@ of a small component, `Q = 24` its assignments.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 
 import jax
@@ -21,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import first_largest, largest
 from remind_jax.numerics.reductions import connect, pick_in_rows, reduce_together
 from remind_jax.remind.association.gating import Gate
@@ -33,8 +31,7 @@ _ORDERS = np.array(list(itertools.permutations(range(MAX_MEMBERS))), np.int32)
 _TURNS = MAX_MEMBERS ** np.arange(MAX_MEMBERS - 1, -1, -1, dtype=np.int32)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Stabilized:
     """Matches after the guard."""
 
@@ -44,8 +41,7 @@ class Stabilized:
     root: Int[Array, "N"]  # first detection of its group of look-alikes, N for none
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class _Components:
     """Groups of matched detections that could swap objects."""
 
@@ -93,10 +89,7 @@ def stabilize(table: PairTable, slot: Int[Array, "N"]) -> Stabilized:
 
 
 def doubt_entries(table: PairTable, stabilized: Stabilized) -> Undecided:
-    """Turns doubtful detections into ambiguous ones, if two plausible rivals remain.
-
-    Rule: method.md#stability-entries.
-    """
+    """Makes the doubtful ambiguous where two rivals remain (method.md#stability-entries)."""
     members = stabilized.rivals & table.plausible & stabilized.doubtful[:, None]
     score = temporal_score(table, members)
     members = members & (score >= table.thresholds.matching.min_visual)
@@ -214,10 +207,7 @@ def _is_fragile(
 def _solve_greedily(
     table: PairTable, parts: _Components, fragile: Bool[Array, "N"], t: Stability
 ) -> Bool[Array, "N O"]:
-    """Takes pairs by falling score; rescued ones must lead their rivals.
-
-    Rule: method.md#gating-fragile.
-    """
+    """Takes pairs by falling score; rescued ones must lead rivals (method.md#gating-fragile)."""
     known, visual = table.pairs.score_known, table.comparison.score
     edge = parts.edge & fragile[:, None]
     masked = jnp.where(edge, known, -jnp.inf)

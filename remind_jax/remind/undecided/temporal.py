@@ -13,6 +13,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import NUM_OPTIONS, Status
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import choose, pytree
+from remind_jax.numerics.ranks import pick_best
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.association.gating import Pairs
@@ -26,8 +28,7 @@ PLAUSIBLE, CANDIDATES, SUPPORTED = 0, 1, 2
 _TINY = 1e-12
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PairTable:
     """All that the rules may ask about the pairs of a frame."""
 
@@ -61,11 +62,7 @@ def tabulate_pairs(
 
 def prefer(first: Undecided, second: Undecided) -> Undecided:
     """Entries of both; where both have one, that of the first."""
-
-    def pick(a: Array, b: Array) -> Array:
-        return jnp.where(first.present.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
-
-    merged = jax.tree.map(pick, first, second)
+    merged = choose(first.present, first, second)
     return dataclasses.replace(merged, present=first.present | second.present)
 
 
@@ -113,24 +110,13 @@ def rank(
     *,
     later_first: bool = False,
 ) -> tuple[Int[Array, "*B K"], Float[Array, "*B K"]]:
-    """The best members by falling score, at most three.
+    """Slots and scores of the best members by falling score, at most three; padded by -1 and 0.
 
-    Args:
-      most: How many, at most three; broadcast against the slots.
-      later_first: Among equals the larger id first, else the smaller.
-
-    Returns:
-      Slots (-1 padding) and scores (0 padding).
+    `later_first`: among equals the larger id first, else the smaller.
     """
-    width = scores.shape[-1]
-    masked = jnp.where(members, scores, -jnp.inf)
-    shown = min(NUM_OPTIONS, width)
-    top, index = jax.lax.top_k(masked[..., ::-1] if later_first else masked, shown)
-    index = width - 1 - index if later_first else index
-    real = jnp.isfinite(top) & (jnp.arange(shown) < most)
-    lacking = (*((0, 0),) * (scores.ndim - 1), (0, NUM_OPTIONS - shown))
-    slots = jnp.pad(jnp.where(real, index, NO_SLOT), lacking, constant_values=NO_SLOT)
-    return slots.astype(jnp.int32), jnp.pad(jnp.where(real, top, 0.0), lacking)
+    slots, best = pick_best(scores, members, NUM_OPTIONS, later_first=later_first)
+    asked = jnp.arange(NUM_OPTIONS) < most
+    return jnp.where(asked, slots, NO_SLOT), jnp.where(asked, best, 0.0)
 
 
 def to_mask(slots: Int[Array, "*B K"], width: int) -> Bool[Array, "*B O"]:

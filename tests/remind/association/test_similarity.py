@@ -66,6 +66,6 @@ RINGS = {"rings": score((0.5, 1.0), (None, None))}
 def test_a_chosen_channel_stands_alone(x64, switches, known, term, value):
     """method.md#visual-score; a channel that there is not leaves the term absent."""
     channels, static = ChannelScores(**{**EXAMPLE, **known}), change_static(STATIC, **switches)
-    ways = similarity.collapse(channels, similarity._WAYS, static, rules())
+    ways = similarity.collapse(channels, static, rules())
     assert bool(ways.present[AUTO, term, 0, 0]) == (value is not None)
     assert float(ways.value[AUTO, term, 0, 0]) == pytest.approx(value or 0.0)

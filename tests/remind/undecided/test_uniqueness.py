@@ -24,11 +24,14 @@ def scored(monkeypatch):
 def withdraw(slot, score, plausible=None, final=None, enabled=True, most=3) -> Any:
     plausible = np.ones((NUM, SLOTS), bool) if plausible is None else plausible
     account: Any = SimpleNamespace(
-        plausible=plausible, score=np.zeros((NUM, SLOTS)) if final is None else final
+        plausible=plausible,
+        score=np.zeros((NUM, SLOTS)) if final is None else final,
+        thresholds=SimpleNamespace(
+            matching=SimpleNamespace(one_detection_each=np.array(enabled)),
+            ambiguous=SimpleNamespace(max_candidates=np.array(most)),
+        ),
     )
-    return competition.withdraw_second_claims(
-        account, np.asarray(slot), np.asarray(score), np.array(enabled), np.array(most)
-    )
+    return competition.withdraw_second_claims(account, np.asarray(slot), np.asarray(score))
 
 
 @settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
