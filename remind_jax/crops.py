@@ -205,9 +205,7 @@ def cut_runs(
     return (left, top), np.ascontiguousarray(inside.T).view(bool)
 
 
-def cut_plane(
-    plane: Bool[np.ndarray, "H W"],
-) -> tuple[tuple[int, int], Bool[np.ndarray, "_h _w"]]:
+def cut_plane(plane: Bool[np.ndarray, "H W"]) -> tuple[tuple[int, int], Bool[np.ndarray, "_h _w"]]:
     """Left and top of the box around a mask, and a copy of what is in it."""
     rows = np.flatnonzero(plane.any(axis=1))
     if not len(rows):

@@ -104,10 +104,7 @@ def group_by_video(content: DataSet, file: str) -> dict[Any, list[tuple[int, Ann
 
 
 def read_video(
-    entries: Sequence[tuple[int, Annotation]],
-    index: CocoIndex,
-    video_id: Any,
-    file: str,
+    entries: Sequence[tuple[int, Annotation]], index: CocoIndex, video_id: Any, file: str
 ) -> TrackRows:
     """Reads the tracks of one video from its entries, see `group_by_video`.
 

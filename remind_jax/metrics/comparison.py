@@ -13,11 +13,7 @@ from remind_jax.errors import OutputError
 from remind_jax.files import check_place, writing
 from remind_jax.files.csv_cells import write_row
 from remind_jax.printing.small_table import Printable, SmallTable
-from remind_jax.printing.terminal import (
-    lay_out,
-    output_width,
-    wide_console,
-)
+from remind_jax.printing.terminal import lay_out, output_width, wide_console
 from remind_jax.printing.words import plural
 
 if TYPE_CHECKING:

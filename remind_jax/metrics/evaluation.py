@@ -204,9 +204,7 @@ def evaluate_sequence(
 
 
 def evaluate_classes(
-    sequence: TrackingSequence,
-    firm: TrackingSequence | None = None,
-    min_absence_frames: int = 1,
+    sequence: TrackingSequence, firm: TrackingSequence | None = None, min_absence_frames: int = 1
 ) -> dict[str, Evaluation]:
     """Scores every class apart: its objects against the predictions of that class."""
     firm = sequence if firm is None else firm

@@ -24,12 +24,7 @@ import numpy as np
 from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.formats.coco import read_data_set
-from remind_jax.formats.coco_tracks import (
-    CocoIndex,
-    group_by_video,
-    index_videos,
-    read_video,
-)
+from remind_jax.formats.coco_tracks import CocoIndex, group_by_video, index_videos, read_video
 from remind_jax.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat
 from remind_jax.formats.instance_maps import find_map_scenes, read_instance_maps
 from remind_jax.formats.mot import FileFormat, read_text_rows, recognize_format

@@ -216,10 +216,7 @@ def compare(
 
 
 def table_of(
-    evaluations: Sequence[SetEvaluation],
-    *,
-    num_resamples: int = 1000,
-    title: str = "",
+    evaluations: Sequence[SetEvaluation], *, num_resamples: int = 1000, title: str = ""
 ) -> ComparisonTable:
     """Scored sets of predictions as a table, a row each.
 

@@ -38,11 +38,7 @@ class ImageReader:
     kind = "images"
 
     def __init__(
-        self,
-        folder: Path,
-        name: str,
-        fps: float | None,
-        file_names: Sequence[str] | None = None,
+        self, folder: Path, name: str, fps: float | None, file_names: Sequence[str] | None = None
     ) -> None:
         self._others: list[str] = []
         if file_names is None:

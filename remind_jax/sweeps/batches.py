@@ -246,10 +246,7 @@ def score_batch(
         num_objects *= GROWTH_STEP
     while True:
         scores = compiled_score(
-            widen(truth.object_index),
-            filled,
-            num_objects=num_objects,
-            num_labels=num_labels,
+            widen(truth.object_index), filled, num_objects=num_objects, num_labels=num_labels
         )
         if not scores["overflow"].any():
             break

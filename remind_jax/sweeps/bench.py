@@ -25,13 +25,7 @@ from remind_jax.sweeps.cluster import Cluster
 from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.result import SweepResult
 from remind_jax.sweeps.scene_arrays import SceneFrames, load_scene
-from remind_jax.sweeps.settings import (
-    Setting,
-    Value,
-    as_settings,
-    complete,
-    complete_space,
-)
+from remind_jax.sweeps.settings import Setting, Value, as_settings, complete, complete_space
 from remind_jax.sweeps.worker import Progress, Worker, group_by_description
 
 DEFAULT_BUDGET_GIB = 2.0

@@ -105,11 +105,7 @@ def follow(
 
 
 def score(
-    object_index: Int[Array, "T N"],
-    answers: Answers,
-    *,
-    num_objects: int,
-    num_labels: int,
+    object_index: Int[Array, "T N"], answers: Answers, *, num_objects: int, num_labels: int
 ) -> dict[str, Array]:
     """Scores of every setting, each `[S]`, by the rules of `metrics`, undecided ones strictly.
 
@@ -224,12 +220,7 @@ def _compile(
     return Program(compiled, count_bytes(compiled))
 
 
-def _compile_kept(
-    run: functools.partial,
-    states: Any,
-    shapes: Shapes,
-    structure: Any,
-) -> Program:
+def _compile_kept(run: functools.partial, states: Any, shapes: Shapes, structure: Any) -> Program:
     """The program of one device, kept for other processes if the method is of this package."""
     method, static = run.keywords["method"], run.keywords["static"]
     state_leaves, state_structure = jax.tree.flatten(states)
@@ -262,11 +253,7 @@ def _compile_kept(
 
 
 def compiled_score(
-    object_index: Int[np.ndarray, "T N"],
-    answers: Answers,
-    *,
-    num_objects: int,
-    num_labels: int,
+    object_index: Int[np.ndarray, "T N"], answers: Answers, *, num_objects: int, num_labels: int
 ) -> dict[str, np.ndarray]:
     """`score`, compiled once per process and kept for others."""
     leaves, structure = jax.tree.flatten((object_index, answers))

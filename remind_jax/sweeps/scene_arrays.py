@@ -291,11 +291,6 @@ def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _describe(
-    method: Method,
-    static: Static,
-    feats: AnyFeats,
-    masks: Masks,
-    observed: Any,
-    thresholds: Any,
+    method: Method, static: Static, feats: AnyFeats, masks: Masks, observed: Any, thresholds: Any
 ) -> Any:
     return method.describe(feats, masks, observed, static=static, thresholds=thresholds)
