@@ -123,11 +123,7 @@ class Crops:
         return self.join(self.size, eroded)
 
     def region(self, row: int, rows: slice, columns: slice) -> Bool[np.ndarray, "_h _w"]:
-        """A part of a mask, which may reach beyond its box; contiguous.
-
-        Args:
-          rows: From and to which row of the picture; both ends are given.
-        """
+        """A part of a mask, which may reach beyond its box; contiguous. Slices have both ends."""
         (left, top), window = self.corners[row], self.windows[row]
         height, width = window.shape
         first, last = max(top, rows.start), min(top + height, rows.stop)

@@ -63,10 +63,7 @@ def open_scenes(
     truth: SceneSet | None = None,
     like: FileFormat | None = None,
 ) -> SceneSet:
-    """Opens truth (`truth` left out) or predictions (`truth` given).
-
-    Args:
-      truth: The truth that predictions belong to: lists of results need its videos and images.
+    """Opens truth, or predictions of a truth: lists of results need its videos and images.
 
     Raises:
       SourceError: If nothing is there, it is not recognized, or it cannot be read.

@@ -91,14 +91,9 @@ class Announcements:
     def joined(
         self, other: Announcements, ids: Mapping[int, int]
     ) -> tuple[Announcements, dict[int, int]]:
-        """With the objects of another memory.
+        """With the objects of another memory, and the id announced here of each one there.
 
-        Args:
-          other: What was announced of them there.
-          ids: Of each object there: its id in this memory, higher than all before.
-
-        Returns:
-          What is announced now, and the announced id here of each that they had there.
+        `ids` has of each object there its id in this memory, higher than all before.
         """
         known = {one: number for one in ids if (number := other.id_of(one)) != NO_ID}
         if self.is_identity:
@@ -145,7 +140,6 @@ def choose_after(asked: int | None, configured: int, has_detector: bool) -> int:
       asked: What the caller wants; None or 0 leaves it to the configuration.
       configured: `input.announce_after`; 0 leaves it to the kind of detections: 1 for given masks,
         else `DETECTOR_DEFAULT`.
-      has_detector: Whether detections come from a detector.
 
     Raises:
       OptionError: If what is asked for is no number of detections.

@@ -115,10 +115,7 @@ def _merged_into(memory: SavedMemory) -> dict[int, int]:
 
 
 def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
-    """The memory without an object and all that was merged into it; its records lose it as well.
-
-    Args:
-      object_id: As announced.
+    """The memory without an object and what was merged into it; its records lose it as well.
 
     Raises:
       SourceError: If there is no such object.

@@ -106,11 +106,7 @@ class Checkpoints:
         every_s: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Touches nothing yet.
-
-        Args:
-          every_s: Seconds between checkpoints; `EVERY_S` if left out.
-        """
+        """`every_s` are seconds between checkpoints; `EVERY_S` if left out."""
         self.run_folder, self.folder = run_folder, run_folder / CHECKPOINT_NAME
         self._every_s, self._clock = EVERY_S if every_s is None else every_s, clock
         self._path = self.folder / FRAMES_NAME

@@ -56,7 +56,6 @@ def to_file(
     """What a memory file keeps of the records, and the bytes of all pictures.
 
     Args:
-      records: All records.
       ids: Of objects that memory still has.
       since: Records that the file has already, as `kept` gave them; nothing if left out.
     """

@@ -70,12 +70,7 @@ class FrameLoop:
         num_waiting: int = 0,
         checkpoints: Checkpoints | None = None,
     ) -> None:
-        """Collects nothing yet.
-
-        Args:
-          delayed: Revises answers that wait; None if they are given at once.
-          num_waiting: Frames that wait for announcements.
-        """
+        """`delayed` revises answers that wait, `num_waiting` frames wait for announcements."""
         self._delayed, self._num_waiting = delayed, num_waiting
         self._waiting: deque[tuple[Frame, Tracks]] = deque()  # as decided
         self.tracker, self.source, self.detector = tracker, source, detector

@@ -84,11 +84,7 @@ class MemoryFile:
     """
 
     def __init__(self, path: Path, *, is_read: bool = False) -> None:
-        """Touches nothing yet.
-
-        Args:
-          is_read: The memory to be written comes from it.
-        """
+        """`is_read`: the memory to be written comes from it."""
         self.path = path
         self._written: _Written | None = None
         # Nobody else wrote it while this is the same; None where that does not matter.
@@ -134,14 +130,7 @@ def _identity(path: Path) -> tuple[int, int, int] | None:
 
 
 def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> str:
-    """Writes a memory file; an existing one is replaced only by a complete one.
-
-    Args:
-      durably: Return only when it is on the disk, so that it outlives a power cut.
-
-    Returns:
-      Its checksum.
-    """
+    """Writes a memory file, as `files.replacing`; gives its checksum."""
     leaves, header = _describe(memory)
     path = files.as_path(path, "the memory file", OutputError)
     with files.replacing(path, SafetensorError, durably=durably) as partial:
@@ -268,11 +257,7 @@ def _read_at_rest(
 
 
 def check_precision(static: Static, said: str, refused: type[RemindError]) -> None:
-    """Refuses numbers of 64 bits where JAX computes in 32.
-
-    Args:
-      said: Who wants them, with a verb.
-    """
+    """Refuses numbers of 64 bits, which `said` tells who wants, where JAX computes in 32."""
     if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
         raise refused(
             f"{said} static.precision 'float64', which needs 64-bit JAX; set the environment "

@@ -222,8 +222,7 @@ def _check_source(
 ) -> None:
     """Refuses live sources that nobody finds anything in, or that a run would go on with.
 
-    Args:
-      resumed: Folder of the run that is gone on with, if one is.
+    That run is in the folder `resumed`.
     """
     if isinstance(frames, SampledSource):
         frames.most_detections = tracking.most_detections

@@ -39,12 +39,9 @@ class Cluster:
         """Joins a cluster, or starts one on this machine.
 
         Args:
-          config: Capacities and the method; what a setting does not name comes with the scene.
-          memory_gib: Memory that the program of each worker may take, on each device.
           batch: Settings side by side in a worker, and settings per task.
           workers: Tasks at the same time; as many as the cluster has CPUs (GPUs) if left out.
           address: Of a running Ray cluster; one is started on this machine if left out.
-          delay: Frames that answers wait.
 
         Raises:
           SweepError: If Ray is missing, or the cluster cannot be reached.
@@ -67,13 +64,7 @@ class Cluster:
         )(run_task)
 
     def start(self, scene: SceneFrames, jobs: Sequence[Mapping[int, Setting]], keep: Keep) -> None:
-        """Hands settings to the cluster; their rows come with `finish`.
-
-        Args:
-          scene: What they are shown.
-          jobs: Settings of same descriptors by number.
-          keep: Called with numbers and scores of every batch.
-        """
+        """Hands settings to the cluster; their rows come with `finish`."""
         shown = self._ray.put(scene)
         size = self._batch or SETTINGS_PER_TASK
         for job in jobs:
