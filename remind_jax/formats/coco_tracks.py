@@ -24,7 +24,7 @@ from remind_jax.formats.coco import (
     to_rle,
 )
 from remind_jax.formats.firm import firm_rows
-from remind_jax.formats.rows import UNKNOWN_CLASS, RowCollector, TrackRows
+from remind_jax.formats.rows import UNKNOWN_CLASS, Row, TrackRows, collect_rows
 from remind_jax.frame import Rle
 from remind_jax.tracks import Tracks
 
@@ -114,7 +114,7 @@ def read_video(
       SourceError: If an entry is incomplete or malformed.
     """
     video = index.videos[video_id]
-    rows = RowCollector()
+    rows: list[Row] = []
     for number, entry in entries:
         class_id = index.places.get(entry.category_id, UNKNOWN_CLASS)  # pyright: ignore
         track_id = number if entry.id is None else entry.id  # a list of results has no ids
@@ -123,19 +123,18 @@ def read_video(
             if isinstance(shape, tuple):
                 left, top, width, height = shape
                 box = [left, top, left + width, top + height]
-                rows.add(frame, track_id, class_id, box=box)
+                rows.append((frame, track_id, class_id, None, box))
             else:
-                rows.add(frame, track_id, class_id, rle=_to_rle(shape, video.size, where))
-    finished = rows.finish(
+                rle = _to_rle(shape, video.size, where)
+                rows.append((frame, track_id, class_id, rle, None))
+    return collect_rows(
         video.name,
         video.num_frames,
+        rows,
         class_names=index.class_names,
         frame_names=video.frame_names,
         frame_size=video.size,
-    )
-    numbers = video.frame_numbers
-    return dataclasses.replace(
-        finished, source_frames=None if numbers is None else np.array(numbers)
+        source_frames=None if video.frame_numbers is None else np.array(video.frame_numbers),
     )
 
 

@@ -25,7 +25,7 @@ from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.formats.coco import read_data_set
 from remind_jax.formats.coco_tracks import CocoIndex, group_by_video, index_videos, read_video
-from remind_jax.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat
+from remind_jax.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat, scene_name
 from remind_jax.formats.instance_maps import find_map_scenes, read_instance_maps
 from remind_jax.formats.mot import FileFormat, read_text_rows, recognize_format
 from remind_jax.formats.pictures import VOID
@@ -77,7 +77,7 @@ def open_scenes(
         with files.reading(path):
             return _open_folder(path, format, is_truth=truth is None)
     if format == "cvat" or (format is None and looks_like_cvat(path)):
-        name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
+        name = scene_name(path)
         return SceneSet(path, "cvat", {name: functools.partial(read_cvat, path)}, {name: path})
     if format is None and zipfile.is_zipfile(path):
         raise SourceError(f"'{path}' is a zip that holds no '{NAME_IN_ZIP}' of CVAT; unpack it")
