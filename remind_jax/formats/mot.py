@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
@@ -14,7 +13,7 @@ from jaxtyping import Float, Int
 from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_FRAMES, MAX_SIDE_PX, MAX_TEXT_BYTES
-from remind_jax.formats.firm import firm_rows, masks_without_overlap
+from remind_jax.formats.firm import firm_ids, firm_rows, main_labels, masks_without_overlap
 from remind_jax.formats.rows import UNKNOWN_CLASS, Row, TrackRows, collect_rows
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import mask_areas, union_area
@@ -288,11 +287,7 @@ def mots_lines(tracks: Sequence[Tracks]) -> list[str]:
     has one class, that of most of its rows. Masks of a frame may not overlap in this format: shared
     pixels go to the higher confidence.
     """
-    votes: dict[int, Counter[str]] = {}
-    for frame in tracks:
-        for row in firm_rows(frame):
-            votes.setdefault(int(frame.object_id[row]), Counter())[frame.labels[row]] += 1
-    label_of = {one: names.most_common(1)[0][0] for one, names in votes.items()}
+    label_of = main_labels(tracks, [*map(firm_ids, tracks)])
     lines = []
     for frame in tracks:
         rows = firm_rows(frame)
