@@ -170,9 +170,9 @@ def _without_ignored(rows: TrackRows) -> TrackRows:
 def _count_scene(
     stream: SceneStream, scene: str, predicted: str
 ) -> tuple[tuple[PaperCounts, ...], list[str]]:
-    truth, predictions = stream.truth.read[scene](), stream.predictions
+    truth, predictions = stream.truth.read(scene), stream.predictions
     if predictions.format != "run":
-        sightings, notes = _sight(truth, predictions.read[predicted](), None)
+        sightings, notes = _sight(truth, predictions.read(predicted), None)
         return (count_generic(sightings),), notes
     tracks = read_tracks(predictions.files[predicted])
     sightings, notes = _sight(truth, number_detections(tracks, truth.name), tracks)

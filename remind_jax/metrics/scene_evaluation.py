@@ -150,20 +150,20 @@ def _score_scene(
 ) -> tuple[Evaluation, list[str]]:
     """Reads and scores one scene; also notes about it."""
     truth, predictions = stream.truth, stream.predictions
-    rows, tracks, has_classes = truth.read[scene](), None, True
+    rows, tracks, has_classes = truth.read(scene), None, True
     if predictions.format == "run":
         tracks = read_tracks(predictions.files[predicted])
         paired = pair_scene(rows, number_detections(tracks, rows.name))
     elif truth.format in TEXT_FORMATS and truth.format == predictions.format:
         texts = fit_texts(
             rows,
-            predictions.read[predicted](),
+            predictions.read(predicted),
             num_frames=options.num_frames,
             class_id=options.class_id,
         )
         paired, has_classes = pair_scene(*texts), False
     else:
-        paired = pair_scene(rows, predictions.read[predicted]())
+        paired = pair_scene(rows, predictions.read(predicted))
     evaluation = evaluate_pair(
         paired,
         tracks,

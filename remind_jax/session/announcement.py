@@ -11,7 +11,6 @@ import dataclasses
 import numbers
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -51,14 +50,10 @@ class Announcements:
         """All objects with lower ids were announced under these, no other was."""
         return cls(known_below=object_id, next_id=object_id)
 
-    def to_json(self) -> dict[str, Any]:
-        """What a later run needs to go on, as `json` can write it."""
-        return {
-            "known_below": self.known_below,
-            "next_id": self.next_id,
-            "ids": [list(pair) for pair in self.ids.items()],
-            "counts": [list(pair) for pair in self.counts.items()],
-        }
+    def filed(self) -> FiledAnnouncements:
+        """What a later run needs to go on."""
+        ids, counts = ([*pairs.items()] for pairs in (self.ids, self.counts))
+        return FiledAnnouncements(self.known_below, self.next_id, ids, counts)
 
     @property
     def is_identity(self) -> bool:
@@ -121,7 +116,7 @@ class Announcements:
 
 
 class FiledAnnouncements(msgspec.Struct, frozen=True):
-    """As `Announcements.to_json` makes it."""
+    """What was announced, as a memory file has it."""
 
     known_below: Whole
     next_id: Whole
@@ -129,7 +124,7 @@ class FiledAnnouncements(msgspec.Struct, frozen=True):
     counts: list[tuple[Small, Whole]]
 
     def restored(self) -> Announcements:
-        """What was announced."""
+        """The same as it was."""
         return Announcements(self.known_below, dict(self.ids), dict(self.counts), {}, self.next_id)
 
 

@@ -42,24 +42,14 @@ def check_first(state: Any, method: Method) -> None:
         )
 
 
-def find_fault(
-    state: Any,
-    method: Method,
-    class_names: tuple[str, ...],
-    announced: Announcements | None,
-    first_id: int,
-) -> str | None:
-    """What is wrong first, as a phrase; None if nothing is."""
-    return next(_find_faults(state, method, class_names, announced, first_id), None)
-
-
-def _find_faults(
+def find_faults(
     state: Any,
     method: Method,
     class_names: tuple[str, ...],
     announced: Announcements | None,
     first_id: int,
 ) -> Iterator[str]:
+    """What is wrong, as phrases."""
     for name, leaf in named_leaves(state):
         yield from not_finite(name, leaf)
     yield from outside("frame", state.frame, 0)

@@ -25,7 +25,7 @@ from remind_jax.session import filed_records
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
 from remind_jax.session.earlier_memory import as_now
 from remind_jax.session.filed_records import FiledRecords
-from remind_jax.session.memory_faults import find_fault
+from remind_jax.session.memory_faults import find_faults
 from remind_jax.session.memory_parts import (
     FORMAT,
     FORMAT_OF_CHANGES,
@@ -155,16 +155,20 @@ def _describe(
         "class_names": json.dumps(memory.class_names),
         "backbone": memory.backbone,
         "tracker": memory.tracker,
-        "records": msgspec.json.encode(records).decode(),
+        "records": _to_text(records),
     }
     if memory.fingerprint:
         header["fingerprint"] = memory.fingerprint
     if before is not None:
         header["after"] = before.sha256
     if memory.announced is not None:
-        header["announced"] = json.dumps(memory.announced.among(memory.known_ids()).to_json())
+        header["announced"] = _to_text(memory.announced.among(memory.known_ids()).filed())
     header["sha256"] = checksum_of(header, leaves)
     return leaves, header
+
+
+def _to_text(record: msgspec.Struct) -> str:
+    return msgspec.json.encode(record).decode()
 
 
 def load_memory(path: str | Path) -> SavedMemory:
@@ -191,8 +195,7 @@ def load_memory(path: str | Path) -> SavedMemory:
     tensors = as_now(tensors, metadata["schema"], method, static, leaves)
     _check_tensors(tensors, leaves, path)
     state = jax.tree.unflatten(jax.tree.structure(expected), [tensors[name] for name in leaves])
-    fault = find_fault(state, method, names, announced, static.first_object_id)
-    if fault is not None:
+    for fault in find_faults(state, method, names, announced, static.first_object_id):
         raise OutputError(f"'{path}' is damaged: {fault}; {RESTORE}")
     try:
         records = filed_records.from_file(
