@@ -8,7 +8,7 @@ import io
 import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, Any, Protocol, Union
 
 import tyro
@@ -108,7 +108,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return process.ERROR
 
 
-def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
+def _execute(words: Sequence[str], chatter: Callable[[], str]) -> int:
     """Parses and runs a verb; returns the exit code."""
     if words[0] in ("--version", "-V"):
         print(f"remind-jax {remind_jax.__version__}")
@@ -159,7 +159,7 @@ def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
         if "RESOURCE_EXHAUSTED" in str(error):  # as the compiler says it
             _complain_of_memory(first_line(error))
             return process.ERROR
-        process.report_failure(error, chatter.read())
+        process.report_failure(error, chatter())
         return process.FAILED
 
 

@@ -46,11 +46,7 @@ class McapRecord(contextlib.AbstractContextManager):
     """Writes a run frame by frame."""
 
     def __init__(self, path: str | Path) -> None:
-        """Writes nothing yet.
-
-        Raises:
-          ConfigError: If Foxglove's library is not installed.
-        """
+        """Writes nothing yet. Raises ConfigError if Foxglove's library is not installed."""
         try:
             import foxglove
             from foxglove import channels, messages

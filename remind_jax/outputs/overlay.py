@@ -43,20 +43,7 @@ MAX_PIXELS = 4096 * 2304
 _KEY_FRAME_EVERY_S = 1.0
 
 
-@dataclasses.dataclass(frozen=True)
-class _Rectangle:
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    def overlaps(self, other: _Rectangle) -> bool:
-        return (
-            self.left < other.right
-            and other.left < self.right
-            and self.top < other.bottom
-            and other.top < self.bottom
-        )
+_Rectangle = tuple[int, int, int, int]  # left, top, right, bottom
 
 
 def draw(image: Any, tracks: Tracks) -> UInt8[np.ndarray, "H W 3"]:
@@ -185,18 +172,13 @@ def _draw_label(
     box_width = text_width(text, size_px) + 2 * pad
     spot = _free_spot(canvas.shape[:2], tracks.boxes[row], box_width, box_height, placed)
     placed.append(spot)
+    left, top, right, bottom = spot
     color = detection_color(tracks, row)
-    cv2.rectangle(
-        canvas,
-        (spot.left - 1, spot.top - 1),
-        (spot.right, spot.bottom),
-        (16, 18, 22),
-        1,
-        cv2.LINE_AA,
-    )
-    canvas[spot.top : spot.bottom, spot.left : spot.right] = color
-    baseline = spot.top + pad + round(0.86 * size_px)
-    put_text(canvas, text, spot.left + pad, baseline, size_px, ink_on(color))
+    rim = (left - 1, top - 1), (right, bottom)
+    cv2.rectangle(canvas, *rim, (16, 18, 22), 1, cv2.LINE_AA)
+    canvas[top:bottom, left:right] = color
+    baseline = top + pad + round(0.86 * size_px)
+    put_text(canvas, text, left + pad, baseline, size_px, ink_on(color))
 
 
 def _free_spot(
@@ -209,13 +191,16 @@ def _free_spot(
     tops = [box[1] - height, box[1], box[3]]
     tops += [box[1] + step * (height + 1) for step in range(1, 5)]
     spots = [
-        _Rectangle(left, top, min(left + width, frame_width), min(top + height, frame_height))
+        (left, top, min(left + width, frame_width), min(top + height, frame_height))
         for top in (int(np.clip(t, 0, lowest)) for t in tops)
     ]
-    for spot in spots:
-        if not any(spot.overlaps(other) for other in placed):
-            return spot
-    return spots[0]
+    free = (spot for spot in spots if not any(_overlap(spot, other) for other in placed))
+    return next(free, spots[0])
+
+
+def _overlap(one: _Rectangle, other: _Rectangle) -> bool:
+    across = max(one[0], other[0]) < min(one[2], other[2])
+    return across and max(one[1], other[1]) < min(one[3], other[3])
 
 
 def is_playable(path: Path) -> bool:

@@ -202,11 +202,7 @@ def tracks_of(frame: FrameRow) -> Tracks:
 
 
 def check_masks(frames: Iterable[Tracks]) -> None:
-    """Checks the codes of all masks.
-
-    Raises:
-      OutputError: If one is damaged.
-    """
+    """Checks the codes of all masks. Raises OutputError if one is damaged."""
     for frame in frames:
         row = find_malformed(frame.rles)
         if row is not None:

@@ -114,11 +114,7 @@ class FrameLoop:
         self._decided = KeptTracks(folder)
 
     def look_at_first(self, ahead: Iterator[Upcoming]) -> Frame:
-        """The first frame, before it is its turn.
-
-        Raises:
-          SourceError: If there is none.
-        """
+        """The first frame, before it is its turn. Raises SourceError if there is none."""
         self._first = next(ahead, None)
         if self._first is None:
             why = [f": '{one.name}' was left out, {one.reason}" for one in self.source.skipped]

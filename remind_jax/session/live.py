@@ -498,11 +498,7 @@ class Tracker(Printable):
         return self.identities.records
 
     def _saved(self) -> SavedMemory:
-        """The memory as it is now.
-
-        Raises:
-          SourceError: If there is nothing to remember yet.
-        """
+        """The memory as it is now. Raises SourceError if there is nothing to remember yet."""
         if self.state is None:
             raise SourceError("there is no memory before the first frame; 'load' a file for one")
         announced = self.identities.announcements

@@ -224,11 +224,7 @@ class ObjectRecords:
         return (object_id, *sorted(others))
 
     def check_known(self, object_id: Any) -> int:
-        """The id of an object that there is.
-
-        Raises:
-          SourceError: If there is none.
-        """
+        """The id of an object that there is. Raises SourceError if there is none."""
         is_number = isinstance(object_id, (int, np.integer)) and not isinstance(object_id, bool)
         if is_number and int(object_id) in self.merges:
             raise SourceError(

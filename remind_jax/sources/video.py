@@ -35,11 +35,7 @@ ESTIMATE_SLACK = 0.02  # share by which a frame count taken from the duration ma
 
 
 class VideoReader:
-    """One video file.
-
-    Raises:
-      SourceError: If it is no video, or no frame of it can be decoded.
-    """
+    """One video file. Raises SourceError if it is no video, or no frame of it can be decoded."""
 
     kind = "video"
 

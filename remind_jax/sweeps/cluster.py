@@ -7,6 +7,7 @@ come back, so that a task that has to be done again leaves no row twice.
 from __future__ import annotations
 
 import functools
+import pickle
 import socket
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -47,12 +48,10 @@ class Cluster:
           SweepError: If Ray is missing, or the cluster cannot be reached.
         """
         self.batch, self.program_bytes = 0, 0
-        if workers is not None and workers < 1:
-            raise SweepError(f"{workers} workers cannot work; give at least 1")
         self._ray = _join(address, workers)
         self._most, self._batch = workers, batch
-        self._config, self._memory_gib = self._ray.put(config), memory_gib
-        self._delay = delay
+        # Bytes, by which a process knows whether it worked for the same sweep before.
+        self._options = self._ray.cloudpickle.dumps((config, memory_gib, batch, delay))
         self._waiting: list[tuple[Any, dict[int, Setting], Keep]] = []
         self._running: dict[Any, tuple[list[int], Keep]] = {}
         has_gpus = self._ray.cluster_resources().get("GPU", 0) > 0
@@ -105,49 +104,25 @@ class Cluster:
     def _submit(self) -> None:
         while self._waiting and (self._most is None or len(self._running) < self._most):
             shown, part, keep = self._waiting.pop(0)
-            task = self._task.remote(
-                shown, list(part.values()), self._config, self._memory_gib, self._batch, self._delay
-            )
+            task = self._task.remote(shown, list(part.values()), self._options)
             self._running[task] = list(part), keep
 
 
 def run_task(
-    scene: SceneFrames,
-    settings: list[Setting],
-    config: Config,
-    memory_gib: float,
-    batch: int | None,
-    delay: int,
+    scene: SceneFrames, settings: list[Setting], options: bytes
 ) -> tuple[list[dict[str, float]], int, int]:
     """Scores of some settings, the batch size and the bytes of the program; runs in a worker."""
-    worker = _worker(config, memory_gib, batch, delay)
+    worker = _worker(options)
     scores: list[dict[str, float]] = []
     jobs = [dict(enumerate(settings))]
     worker.start(scene, jobs, lambda numbers, rows: scores.extend(rows))
     return scores, worker.batch, worker.program_bytes
 
 
-def _worker(config: Config, memory_gib: float, batch: int | None, delay: int) -> Worker:
-    return _worker_of(_Same(config), memory_gib, batch, delay)
-
-
-class _Same:
-    """A configuration that equals another one with the same values."""
-
-    def __init__(self, config: Config) -> None:
-        self.config, self._text = config, repr(config)
-
-    def __hash__(self) -> int:
-        return hash(self._text)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self._text == other._text
-
-
 @functools.lru_cache(maxsize=1)
-def _worker_of(same: _Same, memory_gib: float, batch: int | None, delay: int) -> Worker:
+def _worker(options: bytes) -> Worker:
     """Ray keeps processes: what one task compiled and described serves the next."""
-    return Worker(same.config, memory_gib, batch, delay)
+    return Worker(*pickle.loads(options))
 
 
 def _join(address: str | None, workers: int | None) -> Any:
