@@ -96,7 +96,7 @@ def assert_nothing_repeated_or_lost(folder, number):
 
 
 def formula(scene, settings):
-    no_scores = dict.fromkeys(SCORES, 0.0)
+    no_scores = dict.fromkeys(SCORES, 0.0) | {"Identities": 0}
     return [
         no_scores | {"IDF1": scene.num_frames / 100 + s.get("matching.match", 0.0) / 10}
         for s in settings
