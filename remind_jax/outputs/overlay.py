@@ -21,18 +21,7 @@ from remind_jax.errors import SourceError
 from remind_jax.files import writing
 from remind_jax.frame import UNTIMED_FPS, Rle, frame_of
 from remind_jax.masks.run_length import cut_masks, encode_masks
-from remind_jax.outputs.drawing import (
-    AMBIGUOUS,
-    DISCARDED,
-    NO_IMAGE_GRAY,
-    PROVISIONAL,
-    Color,
-    fit_image,
-    identity_color,
-    ink_on,
-    put_text,
-    text_width,
-)
+from remind_jax.outputs import drawing
 from remind_jax.tracks import Tracks
 
 OVERLAY_NAME = "overlay.mp4"
@@ -79,9 +68,9 @@ def draw_overlay(
     """
     height, width = tracks.frame_size
     if image is None:
-        canvas = np.full((height, width, 3), NO_IMAGE_GRAY, np.uint8)
+        canvas = np.full((height, width, 3), drawing.NO_IMAGE_GRAY, np.uint8)
     else:
-        canvas = fit_image(image, height, width).copy()
+        canvas = drawing.fit_image(image, height, width).copy()
     size_px = int(np.clip(round(height / 34), 11, 40))
     largest_first = np.argsort(-tracks.areas, kind="stable")
     for row in largest_first:
@@ -119,13 +108,13 @@ def _smaller(tracks: Tracks, size: tuple[int, int]) -> Tracks:
     )
 
 
-def detection_color(tracks: Tracks, row: int) -> Color:
+def detection_color(tracks: Tracks, row: int) -> drawing.Color:
     """Color of a detection: its identity's, white if ambiguous, light gray if provisional."""
     if tracks.object_id[row] != NO_ID:
-        return identity_color(int(tracks.object_id[row]))
+        return drawing.identity_color(int(tracks.object_id[row]))
     if _is_discarded(tracks, row):
-        return DISCARDED
-    return AMBIGUOUS if tracks.outcome[row] == Outcome.AMBIGUOUS else PROVISIONAL
+        return drawing.DISCARDED
+    return drawing.AMBIGUOUS if tracks.outcome[row] == Outcome.AMBIGUOUS else drawing.PROVISIONAL
 
 
 def _is_discarded(tracks: Tracks, row: int) -> bool:
@@ -136,7 +125,7 @@ def _is_discarded(tracks: Tracks, row: int) -> bool:
     )
 
 
-def _draw_mask(canvas: np.ndarray, rle: Rle, ink: Color, thin: bool) -> None:
+def _draw_mask(canvas: np.ndarray, rle: Rle, ink: drawing.Color, thin: bool) -> None:
     """Tints the mask unless it is only to be outlined, and draws its outline with a dark rim."""
     crops = cut_masks([rle], (canvas.shape[0], canvas.shape[1]))
     (left, top), mask = crops.corners[0], crops.windows[0]
@@ -169,7 +158,7 @@ def _draw_label(
     text = tracks.display_name(row)
     pad = max(2, size_px // 4)
     box_height = size_px + 2 * pad
-    box_width = text_width(text, size_px) + 2 * pad
+    box_width = drawing.text_width(text, size_px) + 2 * pad
     spot = _free_spot(canvas.shape[:2], tracks.boxes[row], box_width, box_height, placed)
     placed.append(spot)
     left, top, right, bottom = spot
@@ -178,7 +167,7 @@ def _draw_label(
     cv2.rectangle(canvas, *rim, (16, 18, 22), 1, cv2.LINE_AA)
     canvas[top:bottom, left:right] = color
     baseline = top + pad + round(0.86 * size_px)
-    put_text(canvas, text, left + pad, baseline, size_px, ink_on(color))
+    drawing.put_text(canvas, text, left + pad, baseline, size_px, drawing.ink_on(color))
 
 
 def _free_spot(
@@ -239,7 +228,7 @@ class OverlayVideo(contextlib.AbstractContextManager):
         """Appends one RGB frame."""
         with writing(self._path, FFmpegError):
             stream = self._stream or self._start(image.shape[0], image.shape[1])
-            image = fit_image(image, *self._size)
+            image = drawing.fit_image(image, *self._size)
             height, width = self._size
             even = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
             frame = av.VideoFrame.from_ndarray(even, format="rgb24")
