@@ -73,10 +73,8 @@ class SceneStream:
     ) -> tuple[dict[str, Score], dict[str, str], tuple[str, ...]]:
         """Scores all scenes, each by its names in the truth and in the predictions.
 
-        `score_scene` gives a result and notes.
-
-        Returns:
-          Results by scene, why others failed by scene, and notes.
+        Given are results by scene, why others failed by scene, and notes; by `score_scene` a
+        result and notes.
 
         Raises:
           RemindError: What a scene raised, if it is the only one.

@@ -189,10 +189,7 @@ def _relabeled(tracks: Tracks, label: np.ndarray, classes: dict[int, str]) -> Tr
 
 
 def write_label_page(folder: str | Path) -> tuple[Path, Result]:
-    """Writes the labeling page into the folder of a run, with the pictures of its report.
-
-    Returns:
-      The page, and the run.
+    """Writes the labeling page into the folder of a run, with its pictures; gives page and run.
 
     Raises:
       OutputError: If the folder holds no run, or the page cannot be written.

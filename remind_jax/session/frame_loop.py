@@ -142,11 +142,7 @@ class FrameLoop:
         writer.end_repeating()
 
     def consume(self, ahead: Generator[Upcoming, None, None], writer: RunWriter | None) -> bool:
-        """Tracks every frame; Ctrl-C ends the loop.
-
-        Returns:
-          Whether nothing is left to do: no Ctrl-C came, or it ended a live source.
-        """
+        """Tracks every frame, until Ctrl-C; False if that cut a recording off."""
         complete = True
         if self.view is not None:
             self.view.remember(self.tracker.objects())
