@@ -30,18 +30,8 @@ from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_strea
 from remind_jax.printing.small_table import SmallTable
 
 COLUMNS = (
-    "HOTA",
-    "DetA",
-    "AssA",
-    "IDF1",
-    "IDP",
-    "IDR",
-    "MOTA",
-    "Recovery",
-    "HardRecovery",
-    "IDSW",
-    "IDs",
-    "GT_IDs",
+    *("HOTA", "DetA", "AssA", "IDF1", "IDP", "IDR", "MOTA", "Recovery", "HardRecovery"),
+    *("IDSW", "IDs", "GT_IDs"),
 )
 UNCERTAIN_COLUMNS = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate")
 

@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from remind_jax.decision import Decisions, Outcome, Reason, Status
+from remind_jax.decision import CODES, Decisions
 from remind_jax.errors import ConfigError
 from remind_jax.files.limits import MAX_LABEL
 from remind_jax.method import Method, named_leaves
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements
-
-_CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
 
 
 def check_first(state: Any, method: Method) -> None:
@@ -75,7 +73,7 @@ def find_faults(
 
 def _of_decisions(decisions: Decisions, next_id: int) -> Iterator[str]:
     """Of the last frame; they are shown, and ids among them."""
-    for name, kind in _CODES.items():
+    for name, kind in CODES.items():
         codes = [int(code) for code in kind]
         yield from outside(f"decisions.{name}", getattr(decisions, name), min(codes), max(codes))
     for name in ("object_id", "candidate_id", "option_id"):
