@@ -6,8 +6,6 @@ come back, so that a task that has to be done again leaves no row twice.
 
 from __future__ import annotations
 
-import functools
-import pickle
 import socket
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,6 +19,8 @@ from remind_jax.sweeps.worker import Keep, Worker
 SETTINGS_PER_TASK = 32
 _ANSWERS_WITHIN_S = 10.0  # a machine that is there
 _RETRIES = 5  # of a task whose process or machine died
+WorkerOptions = tuple[Config, float, int | None, int]  # as `worker.Worker` takes them
+_kept: dict[str, Worker] = {}  # the last one of this process
 # A task has one core. XLA would split each step between as many threads as the machine has cores.
 _ONE_THREAD = {"PJRT_NPROC": "1"}
 
@@ -50,8 +50,7 @@ class Cluster:
         self.batch, self.program_bytes = 0, 0
         self._ray = _join(address, workers)
         self._most, self._batch = workers, batch
-        # Bytes, by which a process knows whether it worked for the same sweep before.
-        self._options = self._ray.cloudpickle.dumps((config, memory_gib, batch, delay))
+        self._options = self._ray.put((config, memory_gib, batch, delay))
         self._waiting: list[tuple[Any, dict[int, Setting], Keep]] = []
         self._running: dict[Any, tuple[list[int], Keep]] = {}
         has_gpus = self._ray.cluster_resources().get("GPU", 0) > 0
@@ -109,7 +108,7 @@ class Cluster:
 
 
 def run_task(
-    scene: SceneFrames, settings: list[Setting], options: bytes
+    scene: SceneFrames, settings: list[Setting], options: WorkerOptions
 ) -> tuple[list[dict[str, float]], int, int]:
     """Scores of some settings, the batch size and the bytes of the program; runs in a worker."""
     worker = _worker(options)
@@ -119,10 +118,13 @@ def run_task(
     return scores, worker.batch, worker.program_bytes
 
 
-@functools.lru_cache(maxsize=1)
-def _worker(options: bytes) -> Worker:
+def _worker(options: WorkerOptions) -> Worker:
     """Ray keeps processes: what one task compiled and described serves the next."""
-    return Worker(*pickle.loads(options))
+    known = repr(options)
+    if known not in _kept:
+        _kept.clear()
+        _kept[known] = Worker(*options)
+    return _kept[known]
 
 
 def _join(address: str | None, workers: int | None) -> Any:
