@@ -29,10 +29,11 @@ import cv2
 import numpy as np
 
 from remind_jax.formats.mot import FileFormat, fit_texts, read_text_rows
-from remind_jax.metrics.clear import clear_scores, count_clear
+from remind_jax.metrics.clear import clear_scores, split_clear
+from remind_jax.metrics.combine import total_counts
 from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
-from remind_jax.metrics.hota import count_hota, hota_scores
-from remind_jax.metrics.identity import count_identity, identity_scores
+from remind_jax.metrics.hota import hota_scores, match_hota, split_hota
+from remind_jax.metrics.identity import IdentityCounts, count_right, identity_scores
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.scene_evaluation import evaluate
 from remind_jax.metrics.sequence import TrackingSequence
@@ -40,7 +41,11 @@ from remind_jax.metrics.sequence import TrackingSequence
 GOLDEN = Path(__file__).resolve().parents[1] / "tests" / "golden" / "metrics"
 NUM_FRAMES, NUM_OBJECTS = 1000, 40
 FRAME_SIZE_PX = np.array([1800.0, 900.0])
-METRICS = {"HOTA": count_hota, "CLEAR": count_clear, "Identity": count_identity}
+METRICS: dict[str, Callable[[TrackingSequence], Any]] = {
+    "HOTA": lambda sequence: total_counts(*split_hota(sequence, match_hota(sequence))),
+    "CLEAR": lambda sequence: total_counts(*split_clear(sequence)),
+    "Identity": lambda sequence: count_identity(sequence),
+}
 SCORES = {"HOTA": hota_scores, "CLEAR": clear_scores, "Identity": identity_scores}
 FILES, ALL_METRICS = "files to scores", "HOTA + CLEAR + Identity"
 
@@ -70,6 +75,12 @@ class Agreement:
     def largest(self, *, sums: bool) -> float:
         """Largest difference among ratios, or among counts and sums."""
         return max((apart for apart, is_sum in self.differences if is_sum == sums), default=0.0)
+
+
+def count_identity(sequence: TrackingSequence) -> IdentityCounts:
+    right = int(count_right(sequence).sum())
+    wrong = len(sequence.gt) - right, len(sequence.pred) - right
+    return IdentityCounts(*map(np.asarray, (right, *wrong)))
 
 
 def compare_stored() -> list[Agreement]:

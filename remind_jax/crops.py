@@ -123,11 +123,7 @@ class Crops:
         return self.join(self.size, eroded)
 
     def region(self, row: int, rows: slice, columns: slice) -> Bool[np.ndarray, "_h _w"]:
-        """A part of a mask, which may reach beyond its box; contiguous.
-
-        Args:
-          rows: From and to which row of the picture; both ends are given.
-        """
+        """A part of a mask, which may reach beyond its box; contiguous. Slices have both ends."""
         (left, top), window = self.corners[row], self.windows[row]
         height, width = window.shape
         first, last = max(top, rows.start), min(top + height, rows.stop)
@@ -205,9 +201,7 @@ def cut_runs(
     return (left, top), np.ascontiguousarray(inside.T).view(bool)
 
 
-def cut_plane(
-    plane: Bool[np.ndarray, "H W"],
-) -> tuple[tuple[int, int], Bool[np.ndarray, "_h _w"]]:
+def cut_plane(plane: Bool[np.ndarray, "H W"]) -> tuple[tuple[int, int], Bool[np.ndarray, "_h _w"]]:
     """Left and top of the box around a mask, and a copy of what is in it."""
     rows = np.flatnonzero(plane.any(axis=1))
     if not len(rows):

@@ -70,6 +70,9 @@ class Reason(enum.IntEnum):
     DOUBLE = 20  # another detection shows the same thing
 
 
+CODES = {"outcome": Outcome, "reason": Reason, "status": Status}  # by the field that holds them
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Decisions:

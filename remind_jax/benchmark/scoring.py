@@ -12,7 +12,7 @@ import numpy as np
 from remind_jax.benchmark.records import Record, folder_of
 from remind_jax.benchmark.scenes import Scene
 from remind_jax.errors import RemindError
-from remind_jax.formats.rows import RowCollector, TrackRows
+from remind_jax.formats.rows import Row, TrackRows, collect_rows
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics.comparison import Interval
 from remind_jax.metrics.evaluation import Evaluation, pool_evaluations, scene_intervals
@@ -38,7 +38,9 @@ class Scored:
 
 def read_truth(scene: Scene, sampling: Sampling | None = None) -> TrackRows:
     """The annotations of a scene."""
-    rows, names, labels = RowCollector(), [], {}
+    rows: list[Row] = []
+    names: list[str] = []
+    labels: dict[str, int] = {}
     for frame in scene.open(sampling):
         names.append(frame.name)
         found = frame.detections
@@ -47,8 +49,9 @@ def read_truth(scene: Scene, sampling: Sampling | None = None) -> TrackRows:
         rles = encode_masks(found.masks)
         for rle, label, instance in zip(rles, found.labels, found.instance_ids, strict=True):
             class_id = labels.setdefault(label, len(labels))
-            rows.add(len(names) - 1, int(instance), class_id, rle=rle)
-    return rows.finish(scene.name, len(names), class_names=tuple(labels), frame_names=names)
+            rows.append((len(names) - 1, int(instance), class_id, rle, None))
+    named = {"class_names": tuple(labels), "frame_names": tuple(names)}
+    return collect_rows(scene.name, len(names), rows, **named)
 
 
 def score_scene(

@@ -10,12 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import (
-    BackboneName,
-    DetectionFlags,
-    SamplingFlags,
-    flags,
-)
+from remind_jax.cli.flags import BackboneName, DetectionFlags, SamplingFlags, flags
 from remind_jax.errors import ConfigError
 from remind_jax.files import locked, refuse_folder
 from remind_jax.printing.words import plural

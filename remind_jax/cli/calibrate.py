@@ -8,12 +8,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli.flags import (
-    BackboneName,
-    DetectionFlags,
-    SamplingFlags,
-    flags,
-)
+from remind_jax.cli.flags import BackboneName, DetectionFlags, SamplingFlags, flags
 from remind_jax.cli.run import Layout, scene_options
 from remind_jax.errors import SourceError
 from remind_jax.files import refuse_file

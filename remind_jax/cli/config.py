@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, arg, subcommand
 
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name
-from remind_jax.cli.flags import (
-    Assignments,
-    BackboneName,
-    TrackerName,
-    flags,
-    load_config_with,
-)
+from remind_jax.cli.flags import Assignments, BackboneName, TrackerName, flags, load_config_with
 from remind_jax.errors import ConfigError
 from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines

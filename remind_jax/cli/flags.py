@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import itertools
 import reprlib
 import types
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import (
     TYPE_CHECKING,
@@ -92,13 +91,14 @@ def spell_flag(option: str) -> str:
     return "--" + option.replace("_", "-")
 
 
-@contextlib.contextmanager
-def past_the_parser() -> Iterator[None]:
-    """Brings errors of options to the user as they are, with flags in the place of names."""
-    try:
-        yield
-    except OptionError as error:
-        raise UsageError(error.spelled(spell_flag)) from error
+class _Checked:
+    """Brings errors of options past the parser to the user, with flags in the place of names."""
+
+    def __post_init__(self) -> None:
+        try:
+            super().__post_init__()  # pyright: ignore[reportAttributeAccessIssue]
+        except OptionError as error:
+            raise UsageError(error.spelled(spell_flag)) from error
 
 
 def _show_default(default: str) -> str:
@@ -115,21 +115,13 @@ def flags(given: type[VerbT]) -> type[VerbT]:
 
 
 @flags
-class SamplingFlags(Sampling):
+class SamplingFlags(_Checked, Sampling):
     """Frames are chosen by number (--start, --end) first, then by --stride or --fps."""
-
-    def __post_init__(self) -> None:
-        with past_the_parser():
-            super().__post_init__()
 
 
 @flags
-class DetectionFlags(DetectorOptions):
+class DetectionFlags(_Checked, DetectorOptions):
     """Thresholds and class lists of the detector."""
-
-    def __post_init__(self) -> None:
-        with past_the_parser():
-            super().__post_init__()
 
     def check_used_by(self, detector: Path | None) -> None:
         """Refuses flags that would change nothing.
@@ -152,7 +144,7 @@ class PageAddress:
 
 
 @flags
-class LiveFlags(LiveOptions):
+class LiveFlags(_Checked, LiveOptions):
     """Cameras (0, /dev/video0) and streams (rtsp://, http://)."""
 
     # folder that gets the frames as seen, to repeat the run
@@ -161,10 +153,6 @@ class LiveFlags(LiveOptions):
     # otherwise; stands after SOURCE
     live: Annotated[PageAddress | None, arg(metavar="[HOST:PORT]")] = None
     no_browser: bool = False  # open no browser, only say where the page is
-
-    def __post_init__(self) -> None:
-        with past_the_parser():
-            super().__post_init__()
 
     def as_options(self) -> dict[str, Any]:
         """What `open_source` takes of them."""

@@ -8,7 +8,7 @@ import io
 import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Annotated, Any, Protocol, Union
 
 import tyro
@@ -85,11 +85,7 @@ VERBS: dict[str, type[Verb]] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one command.
-
-    Returns:
-      The exit code.
-    """
+    """Runs one command; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if words[0] == "help":
         words = [*words[1:], "--help"]
@@ -108,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return process.ERROR
 
 
-def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
+def _execute(words: Sequence[str], chatter: Callable[[], str]) -> int:
     """Parses and runs a verb; returns the exit code."""
     if words[0] in ("--version", "-V"):
         print(f"remind-jax {remind_jax.__version__}")
@@ -159,7 +155,7 @@ def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
         if "RESOURCE_EXHAUSTED" in str(error):  # as the compiler says it
             _complain_of_memory(first_line(error))
             return process.ERROR
-        process.report_failure(error, chatter.read())
+        process.report_failure(error, chatter())
         return process.FAILED
 
 

@@ -8,7 +8,7 @@ import sys
 import tempfile
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import FrameType
 
 from remind_jax.errors import shortened
@@ -28,20 +28,27 @@ _TURN_S = 0.0005
 def ending_well() -> Iterator[list[int]]:
     """Lets other signals end what goes on as Ctrl-C does; gives a list that they will be in."""
     signals: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield signals
-        return
 
     def stop(number: int, frame: FrameType | None) -> None:
         signals.append(number)
         raise KeyboardInterrupt
 
-    former = {number: signal.signal(number, stop) for number in ending_signals()}
-    try:
+    with handling(ending_signals(), stop):
         yield signals
+
+
+@contextlib.contextmanager
+def handling(
+    signals: Iterable[int], handler: Callable[[int, FrameType | None], None]
+) -> Iterator[None]:
+    """Hands signals to a handler; in the main thread only, as Python allows."""
+    is_main = threading.current_thread() is threading.main_thread()
+    former = {number: signal.signal(number, handler) for number in signals if is_main}
+    try:
+        yield
     finally:
-        for number, handler in former.items():
-            signal.signal(number, handler)
+        for number, before in former.items():
+            signal.signal(number, before)
 
 
 def ending_signals() -> list[signal.Signals]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import signal
-import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
-from remind_jax.cli.process import ending_signals
+from remind_jax.cli.process import ending_signals, handling
 from remind_jax.session.progress import Progress, RunLine
 
 if TYPE_CHECKING:
@@ -48,17 +47,13 @@ class RunDisplay:
         return self._line.num_done
 
     def __enter__(self) -> RunDisplay:
-        self._former: dict[int, Any] = {}
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, *ending_signals()):
-                self._former[number] = signal.signal(number, self._stop)
-        self._line.__enter__()
+        self._open = contextlib.ExitStack()
+        self._open.enter_context(handling((signal.SIGINT, *ending_signals()), self._stop))
+        self._open.enter_context(self._line)
         return self
 
     def __exit__(self, *raised: Any) -> None:
-        self._line.__exit__(*raised)
-        for number, handler in self._former.items():
-            signal.signal(number, handler)
+        self._open.__exit__(*raised)
 
     def __call__(self, progress: Progress) -> None:
         """Takes note of a frame.

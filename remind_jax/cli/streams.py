@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import IO, Any
 
 _STDOUT, _STDERR = 1, 2
@@ -53,24 +54,18 @@ class _LastingText(io.TextIOWrapper):
             super().flush()
 
 
-class Chatter:
-    """What libraries wrote past Python while they were kept aside."""
-
-    def __init__(self, sink: IO[bytes] | None) -> None:
-        self._sink = sink
-
-    def read(self) -> str:
-        """The last of it; empty if nothing was kept aside."""
-        if self._sink is None:
-            return ""
-        self._sink.seek(0, os.SEEK_END)
-        self._sink.seek(max(0, self._sink.tell() - _MAX_CHATTER))
-        return self._sink.read().decode("utf-8", "replace")
+def _read_end(sink: IO[bytes] | None) -> str:
+    """The last of what was kept aside; empty if nothing was."""
+    if sink is None:
+        return ""
+    sink.seek(0, os.SEEK_END)
+    sink.seek(max(0, sink.tell() - _MAX_CHATTER))
+    return sink.read().decode("utf-8", "replace")
 
 
 @contextlib.contextmanager
-def own_streams() -> Iterator[Chatter]:
-    """Standard output and error for us alone; gives what libraries say meanwhile.
+def own_streams() -> Iterator[Callable[[], str]]:
+    """Standard output and error for us alone; gives a function that tells what libraries said.
 
     libpng, the compiler and video codecs write to file descriptor 2, past Python, which is told by
     us where something really fails. The descriptor leads into a file meanwhile, and `sys.stderr`
@@ -87,7 +82,7 @@ def own_streams() -> Iterator[Chatter]:
             warnings.simplefilter("ignore")
         if _is_ours(sys.stderr, _STDERR):
             stack.enter_context(_replaced("stderr", _STDERR, _LastingText))
-        yield Chatter(_set_aside(stack) if is_quiet else None)
+        yield functools.partial(_read_end, _set_aside(stack) if is_quiet else None)
 
 
 def _open_closed() -> None:

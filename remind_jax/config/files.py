@@ -29,17 +29,17 @@ def find_file(name: str | Path) -> Path:
     if path.suffix in _SUFFIXES:
         return path
     shipped = list_configs()
-    if str(name) not in shipped and path.exists():
+    if str(name) in shipped:
+        return shipped_folder() / f"{name}.yaml"
+    if path.exists():
         raise ConfigError(f"'{name}' is no configuration; give a {' or '.join(_SUFFIXES)} file")
-    if str(name) not in shipped and str(name) in list_methods():
+    if str(name) in list_methods():
         raise ConfigError(
             f"{str(name)!r} is a tracker and no configuration; choose it by --tracker, or give "
             f"{{'tracker': {str(name)!r}}}"
         )
-    if str(name) not in shipped:
-        hint = nearest_names(str(name), shipped)
-        raise ConfigError(f"there is no configuration {str(name)!r}; {hint} (or give a .yaml file)")
-    return shipped_folder() / f"{name}.yaml"
+    hint = nearest_names(str(name), shipped)
+    raise ConfigError(f"there is no configuration {str(name)!r}; {hint} (or give a .yaml file)")
 
 
 def beside(file: Path, base: str | Path) -> str | Path:

@@ -14,17 +14,9 @@ import numpy as np
 
 from remind_jax.errors import SourceError
 from remind_jax.files.records import decode_rows
-from remind_jax.formats.coco import (
-    Annotation,
-    Box,
-    DataSet,
-    Segmentation,
-    name_categories,
-    say_bad,
-    to_rle,
-)
+from remind_jax.formats import coco
 from remind_jax.formats.firm import firm_rows
-from remind_jax.formats.rows import UNKNOWN_CLASS, RowCollector, TrackRows
+from remind_jax.formats.rows import UNKNOWN_CLASS, Row, TrackRows, collect_rows
 from remind_jax.frame import Rle
 from remind_jax.tracks import Tracks
 
@@ -58,7 +50,7 @@ class CocoIndex:
         return {number: place for place, number in enumerate(sorted(self.categories))}
 
 
-def index_videos(content: DataSet, file: str) -> CocoIndex:
+def index_videos(content: coco.DataSet, file: str) -> CocoIndex:
     """Reads videos and categories of a truth file.
 
     Raises:
@@ -82,17 +74,19 @@ def index_videos(content: DataSet, file: str) -> CocoIndex:
             size=(video.height, video.width) if video.height and video.width else None,
             frame_numbers=numbers if numbers and len(numbers) == length else None,
         )
-    return CocoIndex(videos, name_categories(content.categories, file))
+    return CocoIndex(videos, coco.name_categories(content.categories, file))
 
 
-def group_by_video(content: DataSet, file: str) -> dict[Any, list[tuple[int, Annotation]]]:
+def group_by_video(
+    content: coco.DataSet, file: str
+) -> dict[Any, list[tuple[int, coco.Annotation]]]:
     """Numbers and annotations of each video, by its id.
 
     Raises:
       SourceError: If an annotation is malformed, or of no track.
     """
-    groups: dict[Any, list[tuple[int, Annotation]]] = {}
-    for row in decode_rows(content.annotations, Annotation, f"'{file}'"):
+    groups: dict[Any, list[tuple[int, coco.Annotation]]] = {}
+    for row in decode_rows(content.annotations, coco.Annotation, f"'{file}'"):
         annotation = row.get()
         if annotation.segmentations is None and annotation.bboxes is None:
             raise SourceError(
@@ -104,10 +98,7 @@ def group_by_video(content: DataSet, file: str) -> dict[Any, list[tuple[int, Ann
 
 
 def read_video(
-    entries: Sequence[tuple[int, Annotation]],
-    index: CocoIndex,
-    video_id: Any,
-    file: str,
+    entries: Sequence[tuple[int, coco.Annotation]], index: CocoIndex, video_id: Any, file: str
 ) -> TrackRows:
     """Reads the tracks of one video from its entries, see `group_by_video`.
 
@@ -117,7 +108,7 @@ def read_video(
       SourceError: If an entry is incomplete or malformed.
     """
     video = index.videos[video_id]
-    rows = RowCollector()
+    rows: list[Row] = []
     for number, entry in entries:
         class_id = index.places.get(entry.category_id, UNKNOWN_CLASS)  # pyright: ignore
         track_id = number if entry.id is None else entry.id  # a list of results has no ids
@@ -126,25 +117,24 @@ def read_video(
             if isinstance(shape, tuple):
                 left, top, width, height = shape
                 box = [left, top, left + width, top + height]
-                rows.add(frame, track_id, class_id, box=box)
+                rows.append((frame, track_id, class_id, None, box))
             else:
-                rows.add(frame, track_id, class_id, rle=_to_rle(shape, video.size, where))
-    finished = rows.finish(
+                rle = _to_rle(shape, video.size, where)
+                rows.append((frame, track_id, class_id, rle, None))
+    return collect_rows(
         video.name,
         video.num_frames,
+        rows,
         class_names=index.class_names,
         frame_names=video.frame_names,
         frame_size=video.size,
-    )
-    numbers = video.frame_numbers
-    return dataclasses.replace(
-        finished, source_frames=None if numbers is None else np.array(numbers)
+        source_frames=None if video.frame_numbers is None else np.array(video.frame_numbers),
     )
 
 
 def _read_track(
-    track: Annotation, video: Video, where: str
-) -> Iterator[tuple[int, Segmentation | Box]]:
+    track: coco.Annotation, video: Video, where: str
+) -> Iterator[tuple[int, coco.Segmentation | coco.Box]]:
     """Frame and shape, wherever a track has one."""
     shapes = track.bboxes if track.segmentations is None else track.segmentations
     assert shapes is not None  # as `group_by_video` checked
@@ -152,7 +142,7 @@ def _read_track(
         raise SourceError(
             f"{where} has {len(shapes)} frames, its video '{video.name}' {video.num_frames}"
         )
-    kind: Any = Box if track.segmentations is None else Segmentation | str
+    kind: Any = coco.Box if track.segmentations is None else coco.Segmentation | str
     for frame, raw in enumerate(shapes):
         if bytes(raw) not in (b"null", b"[]"):
             yield frame, next(decode_rows([raw], kind, f"{where}, frame {frame}")).get()
@@ -164,9 +154,9 @@ def _to_rle(shape: Any, size: tuple[int, int] | None, where: str) -> Rle:
         return {"size": list(size), "counts": shape.encode("utf-8", "replace")}
     if isinstance(shape, str):
         raise SourceError(f"{where}: a segmentation needs the height and width of its video")
-    if why := say_bad(shape):
+    if why := coco.say_bad(shape):
         raise SourceError(f"{where}: a segmentation is malformed, {why}")
-    return to_rle(shape, size)
+    return coco.to_rle(shape, size)
 
 
 def coco_video(

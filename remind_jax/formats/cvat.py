@@ -27,7 +27,7 @@ from remind_jax.files import limits
 from remind_jax.files.records import Count, Side
 from remind_jax.formats.coco import Name
 from remind_jax.formats.firm import firm_rows
-from remind_jax.formats.rows import RowCollector, TrackRows
+from remind_jax.formats.rows import Row, TrackRows, collect_rows
 from remind_jax.frame import Rle, check_size, fill_boxes
 from remind_jax.masks.run_length import decode_mask, encode_masks, encode_polygon, mask_box
 from remind_jax.printing.terminal import printable
@@ -124,7 +124,7 @@ def read_cvat(path: str | Path) -> TrackRows:
     has_masks = any(sight.rle is not None for sight in sights)
     if has_masks and size is None:
         raise SourceError(f"'{path}' has masks and no original_size; add it to its meta")
-    rows = RowCollector()
+    rows: list[Row] = []
     for track, found in tracks:
         class_id = class_names.index(track.label)
         for sight in _fill_gaps(found):
@@ -134,10 +134,20 @@ def read_cvat(path: str | Path) -> TrackRows:
             if has_masks and rle is None:
                 (rle,) = encode_masks(fill_boxes(np.array([box]), size))  # pyright: ignore
             place = shown.index(sight.frame)
-            rows.add(place, track.id, class_id, rle=rle, box=None if has_masks else box)
-    name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
-    finished = rows.finish(name, len(shown), class_names=class_names, frame_size=size)
-    return dataclasses.replace(finished, source_frames=np.array(shown) if is_chosen else None)
+            rows.append((place, track.id, class_id, rle, None if has_masks else box))
+    return collect_rows(
+        scene_name(path),
+        len(shown),
+        rows,
+        class_names=tuple(class_names),
+        frame_size=size,
+        source_frames=np.array(shown) if is_chosen else None,
+    )
+
+
+def scene_name(path: Path) -> str:
+    """What the one scene of a file is called."""
+    return path.parent.name if path.name == NAME_IN_ZIP else path.stem
 
 
 def _parse(path: Path) -> ElementTree.Element:

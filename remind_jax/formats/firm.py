@@ -6,6 +6,9 @@ published configuration) the detection with the higher score keeps it.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -19,6 +22,22 @@ def firm_rows(tracks: Tracks) -> Int[np.ndarray, "K"]:
     """Detections with a firm identity, each identity once."""
     ids = np.where(tracks.is_firm, tracks.object_id, NO_ID)
     return np.flatnonzero(keep_unique(ids, tracks.score))
+
+
+def firm_ids(tracks: Tracks) -> Int[np.ndarray, "N"]:
+    """The firm identity of each detection, each identity once; else NO_ID."""
+    ids, rows = np.full(len(tracks), NO_ID, np.int64), firm_rows(tracks)
+    ids[rows] = tracks.object_id[rows]
+    return ids
+
+
+def main_labels(run: Sequence[Tracks], ids: Sequence[Int[np.ndarray, "_"]]) -> dict[int, str]:
+    """The class of most detections of each identity, by the identities of every frame."""
+    votes: dict[int, Counter[str]] = {}
+    for tracks, own in zip(run, ids, strict=True):
+        for row in np.flatnonzero(own != NO_ID):
+            votes.setdefault(int(own[row]), Counter())[tracks.labels[row]] += 1
+    return {one: counted.most_common(1)[0][0] for one, counted in votes.items()}
 
 
 def keep_unique(ids: Int[np.ndarray, "N"], score: Float[np.ndarray, "N"]) -> Bool[np.ndarray, "N"]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
@@ -14,8 +13,8 @@ from jaxtyping import Float, Int
 from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_FRAMES, MAX_SIDE_PX, MAX_TEXT_BYTES
-from remind_jax.formats.firm import firm_rows, masks_without_overlap
-from remind_jax.formats.rows import UNKNOWN_CLASS, RowCollector, TrackRows
+from remind_jax.formats.firm import firm_ids, firm_rows, main_labels, masks_without_overlap
+from remind_jax.formats.rows import UNKNOWN_CLASS, Row, TrackRows, collect_rows
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import mask_areas, union_area
 from remind_jax.tracks import Tracks
@@ -133,7 +132,7 @@ def _read_boxes(path: str | Path, name: str, *, is_truth: bool) -> TrackRows:
 
 
 def _read_masks(path: str | Path, name: str, first_frame: int, *, is_truth: bool) -> TrackRows:
-    collected = RowCollector()
+    found: list[Row] = []
     for line_number, line in enumerate(_read_text(path).splitlines(), 1):
         if not line.strip():
             continue
@@ -143,14 +142,14 @@ def _read_masks(path: str | Path, name: str, first_frame: int, *, is_truth: bool
             size = [int(height), int(width)]
             if max(map(abs, row)) > _MAX_ID or not 1 <= min(size) <= max(size) <= MAX_SIDE_PX:
                 raise ValueError("beyond all measure")
-            collected.add(*row, rle={"size": size, "counts": counts.encode("ascii")})
+            found.append((*row, {"size": size, "counts": counts.encode("ascii")}, None))
         except ValueError:
             raise SourceError(
                 f"{path}, line {line_number}: '{line[:60]}' is not a MOTS row; "
                 "it needs frame id class height width rle, separated by spaces, whole numbers and "
                 f"sides of 1 to {MAX_SIDE_PX} pixels"
             ) from None
-    rows = collected.finish(str(path), 0)
+    rows = collect_rows(str(path), 0, found)
     frame, num_frames = _count_frames(path, rows.frame, first_frame)
     rows = dataclasses.replace(
         rows,
@@ -288,11 +287,7 @@ def mots_lines(tracks: Sequence[Tracks]) -> list[str]:
     has one class, that of most of its rows. Masks of a frame may not overlap in this format: shared
     pixels go to the higher confidence.
     """
-    votes: dict[int, Counter[str]] = {}
-    for frame in tracks:
-        for row in firm_rows(frame):
-            votes.setdefault(int(frame.object_id[row]), Counter())[frame.labels[row]] += 1
-    label_of = {one: names.most_common(1)[0][0] for one, names in votes.items()}
+    label_of = main_labels(tracks, [*map(firm_ids, tracks)])
     lines = []
     for frame in tracks:
         rows = firm_rows(frame)

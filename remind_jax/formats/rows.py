@@ -67,73 +67,45 @@ class TrackRows:
         )
 
 
-class RowCollector:
-    """Gathers rows in any order; `finish` sorts and checks them."""
+# Frame, id and class, with a mask, a box (left, top, right, bottom), or both.
+Row = tuple[int, int, int, Rle | None, Any]
 
-    def __init__(self) -> None:
-        self._rows: list[tuple[int, int, int]] = []  # frame, id, class
-        self._boxes: list[Any] = []  # may be empty where masks are
-        self._rles: list[Rle] = []  # empty if no row has one
 
-    def add(
-        self,
-        frame: int,
-        track_id: int,
-        class_id: int = UNKNOWN_CLASS,
-        *,
-        rle: Rle | None = None,
-        box: Any = None,
-    ) -> None:
-        """Adds one row with a mask, or a box (left, top, right, bottom), or both."""
-        self._rows.append((frame, track_id, class_id))
-        if rle is not None:
-            self._rles.append(rle)
-        if box is not None:
-            self._boxes.append(box)
+def collect_rows(name: str, num_frames: int, found: Sequence[Row], **known: Any) -> TrackRows:
+    """Rows that were found in any order, ordered by frame; `known` are fields of `TrackRows`.
 
-    def finish(
-        self,
-        name: str,
-        num_frames: int,
-        *,
-        class_names: Sequence[str] = (),
-        frame_names: Sequence[str] | None = None,
-        frame_size: tuple[int, int] | None = None,
-    ) -> TrackRows:
-        """The rows, ordered by frame.
-
-        Raises:
-          SourceError: If only some rows have a mask, or a mask is damaged.
-        """
-        rles, boxes, num = self._rles, self._boxes, len(self._rows)
-        has_masks = len(rles) == num > 0
-        if not has_masks and len(boxes) != num:
-            raise SourceError(
-                f"{name}: {len(rles)} of {num} rows have a mask and {len(boxes)} a box; all rows "
-                "need the one or the other"
-            )
-        wrong = find_malformed(rles) if has_masks else None
-        if wrong is not None:
-            frame, track_id, _ = self._rows[wrong]
-            raise SourceError(
-                f"{name}, frame {frame}, id {track_id}: the run lengths are damaged or do not add "
-                f"up to a mask of {' x '.join(map(str, rles[wrong]['size']))} pixels "
-                "(height x width)"
-            )
-        frame, track_id, class_id = np.array(self._rows, np.int64).reshape(-1, 3).T
-        rows = TrackRows(
-            name=name,
-            num_frames=num_frames,
-            frame=frame,
-            track_id=track_id,
-            boxes=np.array(boxes, float).reshape(-1, 4) if len(boxes) == num else boxes_of(rles),
-            class_id=class_id,
-            class_names=tuple(class_names),
-            rles=tuple(rles) if has_masks else None,
-            frame_names=None if frame_names is None else tuple(frame_names),
-        ).select(np.argsort(frame, kind="stable"))
-        size = frame_size or (size_of(rows.rles[0]) if rows.rles else None)
-        return dataclasses.replace(rows, frame_size=size)
+    Raises:
+      SourceError: If only some rows have a mask, or a mask is damaged.
+    """
+    rles = tuple(rle for *_, rle, _ in found if rle is not None)
+    boxes = [box for *_, box in found if box is not None]
+    has_masks = len(rles) == len(found) > 0
+    has_boxes = len(boxes) == len(found)
+    if not has_masks and not has_boxes:
+        raise SourceError(
+            f"{name}: {len(rles)} of {len(found)} rows have a mask and {len(boxes)} a box; all "
+            "rows need the one or the other"
+        )
+    wrong = find_malformed(rles) if has_masks else None
+    if wrong is not None:
+        frame, track_id, *_ = found[wrong]
+        raise SourceError(
+            f"{name}, frame {frame}, id {track_id}: the run lengths are damaged or do not add up "
+            f"to a mask of {' x '.join(map(str, rles[wrong]['size']))} pixels (height x width)"
+        )
+    frame, track_id, class_id = np.array([row[:3] for row in found], np.int64).reshape(-1, 3).T
+    rows = TrackRows(
+        name=name,
+        num_frames=num_frames,
+        frame=frame,
+        track_id=track_id,
+        boxes=np.array(boxes, float).reshape(-1, 4) if has_boxes else boxes_of(rles),
+        class_id=class_id,
+        rles=rles if has_masks else None,
+        **known,
+    ).select(np.argsort(frame, kind="stable"))
+    size = rows.frame_size or (size_of(rows.rles[0]) if rows.rles else None)
+    return dataclasses.replace(rows, frame_size=size)
 
 
 def boxes_of(rles: Sequence[Rle]) -> Float[np.ndarray, "N 4"]:

@@ -5,16 +5,11 @@ from remind_jax.metrics.combine import stack_counts as stack_counts
 from remind_jax.metrics.comparison import Column as Column
 from remind_jax.metrics.comparison import ComparisonTable as ComparisonTable
 from remind_jax.metrics.comparison import Row as Row
-from remind_jax.metrics.evaluation import Evaluation as Evaluation
 from remind_jax.metrics.evaluation import evaluate_sequence as evaluate_sequence
 from remind_jax.metrics.evaluation import pool_evaluations as pool_evaluations
-from remind_jax.metrics.recovery import Answers as Answers
-from remind_jax.metrics.recovery import count_recovery as count_recovery
-from remind_jax.metrics.recovery import find_reference as find_reference
 from remind_jax.metrics.run_evaluation import evaluate_tracks as evaluate_tracks
 from remind_jax.metrics.scene_evaluation import SceneOptions as SceneOptions
 from remind_jax.metrics.scene_evaluation import SetEvaluation as SetEvaluation
 from remind_jax.metrics.scene_evaluation import compare as compare
 from remind_jax.metrics.scene_evaluation import evaluate as evaluate
-from remind_jax.metrics.scene_evaluation import table_of as table_of
 from remind_jax.metrics.sequence import TrackingSequence as TrackingSequence

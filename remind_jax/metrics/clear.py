@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from remind_jax.metrics.combine import map_counts, total_counts
+from remind_jax.metrics.combine import map_counts
 from remind_jax.metrics.matching import EPSILON, MATCH_THRESHOLD, assign_frame, split_frames
 from remind_jax.metrics.sequence import TrackingSequence
 
@@ -33,11 +33,6 @@ class ClearCounts:
     mostly_lost: Float[np.ndarray, "*batch"]
     similarity_sum: Float[np.ndarray, "*batch"]  # over matches
     frames: Float[np.ndarray, "*batch"]  # 0 if ground truth or predictions are empty
-
-
-def count_clear(sequence: TrackingSequence) -> ClearCounts:
-    """Matches one sequence frame by frame and counts what CLEAR needs."""
-    return total_counts(*split_clear(sequence))
 
 
 def split_clear(sequence: TrackingSequence) -> tuple[ClearCounts, ClearCounts]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -11,13 +10,9 @@ from typing import TYPE_CHECKING, Literal
 
 from remind_jax.errors import OutputError
 from remind_jax.files import check_place, writing
-from remind_jax.files.csv_cells import write_row
+from remind_jax.files.csv_cells import csv_text
 from remind_jax.printing.small_table import Printable, SmallTable
-from remind_jax.printing.terminal import (
-    lay_out,
-    output_width,
-    wide_console,
-)
+from remind_jax.printing.terminal import lay_out, output_width, wide_console
 from remind_jax.printing.words import plural
 
 if TYPE_CHECKING:
@@ -189,22 +184,21 @@ class ComparisonTable(Printable):
 
         Text is guarded (`files/csv_cells.py`).
         """
-        out = io.StringIO()
         columns = self.resolved_columns
         has_interval = {c.name: any(c.name in row.intervals for row in self.rows) for c in columns}
         head = ["name"]
         for column in columns:
             ends = ("_low", "_high") if has_interval[column.name] else ()
             head += [column.name, *(column.name + end for end in ends)]
-        write_row(out, [*head, "note"])
+        lines = [[*head, "note"]]
         for row in self.rows:
             cells = [row.name]
             for column in columns:
                 cells.append(_exact(row.score(column)))
                 if has_interval[column.name]:
                     cells += map(_exact, row.intervals.get(column.name, (math.nan, math.nan)))
-            write_row(out, [*cells, row.note])
-        return out.getvalue()
+            lines.append([*cells, row.note])
+        return csv_text(lines)
 
     def save(self, path: str | Path) -> None:
         """Writes the table in the format of the name's ending: .md, .csv or .txt.

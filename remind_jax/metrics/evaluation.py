@@ -13,15 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
+from remind_jax.metrics import combine
 from remind_jax.metrics.clear import ClearCounts, clear_scores, split_clear
-from remind_jax.metrics.combine import (
-    bootstrap_intervals,
-    map_counts,
-    pool_counts,
-    stack_counts,
-    sum_counts,
-    total_counts,
-)
 from remind_jax.metrics.hota import HotaCounts, hota_scores, match_hota, split_hota
 from remind_jax.metrics.identity import IdentityCounts, count_right, identity_scores
 from remind_jax.metrics.matching import MATCH_THRESHOLD
@@ -60,7 +53,7 @@ def bootstrap_families(families: Sequence[Family], **options: Any) -> Intervals:
     found: Intervals = {}
     for counts, rest in families:
         score = _SCORES[type(counts)]
-        found |= bootstrap_intervals(counts, score, remainder=rest, **options)
+        found |= combine.bootstrap_intervals(counts, score, remainder=rest, **options)
     return found
 
 
@@ -131,7 +124,7 @@ class Evaluation(Printable):
             "GT_IDs": sizes.gt_ids,
             "Frames": sizes.frames,
             "RepeatedIDs": sizes.repeated_ids,
-            **recovery_scores(sum_counts(self.recovery)),
+            **recovery_scores(combine.sum_counts(self.recovery)),
         }
         if self.uncertainty is not None:
             fields |= uncertainty_scores(self.uncertainty)
@@ -182,7 +175,7 @@ def evaluate_sequence(
     answers = collect_answers(sequence if firm is None else firm)
     recovery = count_recovery(answers, find_reference(answers), min_absence_frames)
     families = split_by_object(sequence)
-    hota, clear, identity = (total_counts(*family) for family in families)
+    hota, clear, identity = (combine.total_counts(*family) for family in families)
     sizes = (
         len(sequence.pred),
         len(sequence.gt),
@@ -204,9 +197,7 @@ def evaluate_sequence(
 
 
 def evaluate_classes(
-    sequence: TrackingSequence,
-    firm: TrackingSequence | None = None,
-    min_absence_frames: int = 1,
+    sequence: TrackingSequence, firm: TrackingSequence | None = None, min_absence_frames: int = 1
 ) -> dict[str, Evaluation]:
     """Scores every class apart: its objects against the predictions of that class."""
     firm = sequence if firm is None else firm
@@ -230,14 +221,14 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
     classes = [e.by_class for e in evaluations]
     return Evaluation(
         name=name,
-        hota=pool_counts(e.hota for e in evaluations),
-        clear=pool_counts(e.clear for e in evaluations),
-        identity=pool_counts(e.identity for e in evaluations),
-        recovery=map_counts(
+        hota=combine.pool_counts(e.hota for e in evaluations),
+        clear=combine.pool_counts(e.clear for e in evaluations),
+        identity=combine.pool_counts(e.identity for e in evaluations),
+        recovery=combine.map_counts(
             lambda *values: np.concatenate(values), *(e.recovery for e in evaluations)
         ),
-        sizes=pool_counts(e.sizes for e in evaluations),
-        uncertainty=pool_counts(uncertain) if uncertain else None,
+        sizes=combine.pool_counts(e.sizes for e in evaluations),
+        uncertainty=combine.pool_counts(uncertain) if uncertain else None,
         by_class={
             label: pool_evaluations([own[label] for own in classes if label in own], label)
             for label in dict.fromkeys(label for own in classes for label in own)
@@ -254,10 +245,11 @@ def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Interv
     if len(evaluations) == 1:
         return evaluations[0].intervals(**options)
     counts = [
-        (e.hota, e.clear, e.identity, sum_counts(e.recovery), e.uncertainty) for e in evaluations
+        (e.hota, e.clear, e.identity, combine.sum_counts(e.recovery), e.uncertainty)
+        for e in evaluations
     ]
     families = [
-        (stack_counts(kind), None) for kind in zip(*counts, strict=True) if None not in kind
+        (combine.stack_counts(kind), None) for kind in zip(*counts, strict=True) if None not in kind
     ]
     return bootstrap_families(families, **options)
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from remind_jax.metrics.combine import total_counts
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.sequence import TrackingSequence
 
@@ -34,11 +33,6 @@ class HotaCounts:
     association_sum: Float[np.ndarray, "*batch 19"]  # association accuracy over matches
     association_recall_sum: Float[np.ndarray, "*batch 19"]
     association_precision_sum: Float[np.ndarray, "*batch 19"]
-
-
-def count_hota(sequence: TrackingSequence) -> HotaCounts:
-    """Matches one sequence at all thresholds and sums what HOTA needs."""
-    return total_counts(*split_hota(sequence, match_hota(sequence)))
 
 
 def split_hota(

@@ -22,21 +22,11 @@ class IdentityCounts:
     false_positives: Float[np.ndarray, "*batch"]  # IDFP
 
 
-def count_identity(sequence: TrackingSequence) -> IdentityCounts:
-    """Gives each object at most one predicted id for the whole sequence and counts agreement.
-
-    Maximizing the common frames is the same as minimizing false positives plus false negatives.
-    """
-    num_right = int(count_right(sequence).sum())
-    return IdentityCounts(
-        np.asarray(num_right),
-        np.asarray(len(sequence.gt) - num_right),
-        np.asarray(len(sequence.pred) - num_right),
-    )
-
-
 def count_right(sequence: TrackingSequence) -> Int[np.ndarray, "objects"]:
-    """Frames in which each object carries its one right label."""
+    """Frames in which each object carries its one right label.
+
+    Maximizing these is the same as minimizing false positives plus false negatives.
+    """
     right = np.zeros(len(sequence.gt.objects), np.int64)
     object_of, label_of, id_pair = sequence.id_pairs
     is_common = sequence.pair_similarity >= MATCH_THRESHOLD

@@ -120,9 +120,7 @@ def _score_association(
 
 
 def _count_recovery(
-    visible: Bool[Array, "T O"],
-    answer: Int[Array, "T O"],
-    num_labels: int,
+    visible: Bool[Array, "T O"], answer: Int[Array, "T O"], num_labels: int
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
     """Opportunities, recovered and hard recovered returns, by the one-to-one reference."""
     answer = jnp.where(answer < num_labels, answer, NONE)

@@ -24,13 +24,8 @@ import numpy as np
 from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.formats.coco import read_data_set
-from remind_jax.formats.coco_tracks import (
-    CocoIndex,
-    group_by_video,
-    index_videos,
-    read_video,
-)
-from remind_jax.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat
+from remind_jax.formats.coco_tracks import CocoIndex, group_by_video, index_videos, read_video
+from remind_jax.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat, scene_name
 from remind_jax.formats.instance_maps import find_map_scenes, read_instance_maps
 from remind_jax.formats.mot import FileFormat, read_text_rows, recognize_format
 from remind_jax.formats.pictures import VOID
@@ -51,14 +46,13 @@ class SceneSet:
 
     path: Path
     format: Format
-    read: Mapping[str, Callable[[], TrackRows]]  # by name of the scene
-    files: Mapping[str, Path]  # where each scene lies
+    files: Mapping[str, Path]  # where each scene lies, by its name
+    read_one: Callable[[str, Path], TrackRows]
     index: CocoIndex = dataclasses.field(default_factory=CocoIndex)  # for lists of results
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the scenes."""
-        return tuple(self.read)
+    def read(self, name: str) -> TrackRows:
+        """One of the scenes. Raises SourceError if it cannot be read."""
+        return self.read_one(name, self.files[name])
 
 
 def open_scenes(
@@ -68,10 +62,7 @@ def open_scenes(
     truth: SceneSet | None = None,
     like: FileFormat | None = None,
 ) -> SceneSet:
-    """Opens truth (`truth` left out) or predictions (`truth` given).
-
-    Args:
-      truth: The truth that predictions belong to: lists of results need its videos and images.
+    """Opens truth, or predictions of a truth: lists of results need its videos and images.
 
     Raises:
       SourceError: If nothing is there, it is not recognized, or it cannot be read.
@@ -85,8 +76,7 @@ def open_scenes(
         with files.reading(path):
             return _open_folder(path, format, is_truth=truth is None)
     if format == "cvat" or (format is None and looks_like_cvat(path)):
-        name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
-        return SceneSet(path, "cvat", {name: functools.partial(read_cvat, path)}, {name: path})
+        return SceneSet(path, "cvat", {scene_name(path): path}, _read_cvat)
     if format is None and zipfile.is_zipfile(path):
         raise SourceError(f"'{path}' is a zip that holds no '{NAME_IN_ZIP}' of CVAT; unpack it")
     if path.suffix.lower() == ".json" or format == "coco-video":
@@ -98,31 +88,25 @@ def open_scenes(
     found = format or recognize_format(path)
     if format is None and like is not None and is_blank(path):
         found = like
-    return _text_scenes(path, {path.stem: path}, found, is_truth=truth is None)
+    read = functools.partial(_read_text, format=found, is_truth=truth is None)
+    return SceneSet(path, found, {path.stem: path}, read)
 
 
 def _open_folder(path: Path, format: Format | None, *, is_truth: bool) -> SceneSet:
     runs = _find_runs(path)
     if runs and format in (None, "run"):
-        read = {
-            name: functools.partial(read_run_rows, folder, name) for name, folder in runs.items()
-        }
-        return SceneSet(path, "run", read, runs)
+        return SceneSet(path, "run", runs, read_run_rows)
     texts = _find_texts(path)
     if texts and (format in TEXT_FORMATS or format is None):
         found = format or recognize_format(*texts.values())
-        return _text_scenes(path, texts, found, is_truth=is_truth)
+        read = functools.partial(_read_text, format=found, is_truth=is_truth)
+        return SceneSet(path, found, texts, read)
     maps = find_map_scenes(path)
     if maps and format in (None, "davis"):
-        read = {
-            name: functools.partial(_read_maps, name, folder, is_truth)
-            for name, folder in maps.items()
-        }
-        return SceneSet(path, "davis", read, maps)
+        return SceneSet(path, "davis", maps, functools.partial(_read_maps, is_truth=is_truth))
     exports = {file.stem: file for file in sorted(path.glob("*.xml")) if looks_like_cvat(file)}
     if exports and format in (None, "cvat"):
-        read = {name: functools.partial(read_cvat, file) for name, file in exports.items()}
-        return SceneSet(path, "cvat", read, exports)
+        return SceneSet(path, "cvat", exports, _read_cvat)
     looked_for = f"tracks in format '{format}'" if format else "tracks in a known format"
     raise SourceError(
         f"'{path}' holds no {looked_for}; give a folder of instance maps (.png), of MOT or MOTS "
@@ -130,12 +114,12 @@ def _open_folder(path: Path, format: Format | None, *, is_truth: bool) -> SceneS
     )
 
 
-def _text_scenes(path: Path, files: dict[str, Path], format: Any, *, is_truth: bool) -> SceneSet:
-    read = {
-        name: functools.partial(read_text_rows, file, name, format, is_truth=is_truth)
-        for name, file in files.items()
-    }
-    return SceneSet(path, format, read, files)
+def _read_text(name: str, file: Path, format: Any, is_truth: bool) -> TrackRows:
+    return read_text_rows(file, name, format, is_truth=is_truth)
+
+
+def _read_cvat(name: str, file: Path) -> TrackRows:
+    return read_cvat(file)
 
 
 def _find_runs(path: Path) -> dict[str, Path]:
@@ -213,11 +197,12 @@ def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
             f"'{path}' has rows of video {next(iter(groups))!r} and the like, and none of a video "
             f"that is named ({next(iter(index.videos))!r}, ...); give the ids of the data set"
         )
-    read = {
-        video.name: functools.partial(read_video, groups.get(number, []), index, number, file)
-        for number, video in index.videos.items()
-    }
-    return SceneSet(path, "coco-video", read, dict.fromkeys(read, path), index)
+    numbers = {video.name: number for number, video in index.videos.items()}
+
+    def read(name: str, _: Path) -> TrackRows:
+        return read_video(groups.get(numbers[name], []), index, numbers[name], file)
+
+    return SceneSet(path, "coco-video", dict.fromkeys(numbers, path), read, index)
 
 
 def is_blank(path: Path) -> bool:

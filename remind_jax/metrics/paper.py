@@ -16,13 +16,7 @@ from remind_jax.decision import NO_ID, Outcome
 from remind_jax.metrics.collapse import PROVISIONAL_BASE, collapse_published
 from remind_jax.metrics.combine import ratio
 from remind_jax.metrics.decisions import NO_ROW, Decisions, take_or
-from remind_jax.metrics.recovery import (
-    ANY_CLASS,
-    NO_LABEL,
-    Answers,
-    count_recovery,
-    find_reference,
-)
+from remind_jax.metrics.recovery import ANY_CLASS, NO_LABEL, Answers, count_recovery, find_reference
 from remind_jax.metrics.sequence import number_ids
 from remind_jax.metrics.uncertainty import (
     UncertaintyCounts,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
+from remind_jax.metrics import paper
 from remind_jax.metrics.combine import bootstrap_intervals, pool_counts, stack_counts
 from remind_jax.metrics.comparison import ComparisonTable, Row, column_of
 from remind_jax.metrics.decisions import NO_ROW, Decisions
@@ -17,16 +18,6 @@ from remind_jax.metrics.evaluation import without_nan
 from remind_jax.metrics.matching import match_detections
 from remind_jax.metrics.opening import Format, SceneSet
 from remind_jax.metrics.pairing import pair_scene
-from remind_jax.metrics.paper import (
-    GENERIC_LEGEND,
-    IGNORED_CLASSES,
-    REMIND_LEGEND,
-    PaperCounts,
-    Sightings,
-    count_generic,
-    count_remind,
-    paper_scores,
-)
 from remind_jax.metrics.run_folder import number_detections, read_tracks
 from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream
 from remind_jax.printing.small_table import SmallTable
@@ -40,20 +31,20 @@ _UNCERTAIN = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate",
 class PaperEvaluation(SceneScores):
     """One set of predictions under one path of the original."""
 
-    scenes: Mapping[str, PaperCounts]
+    scenes: Mapping[str, paper.PaperCounts]
     is_remind: bool = False  # formulas for REMIND; else those for every other tracker
 
     @property
     def legend(self) -> tuple[str, ...]:
         """In which ways the scores are not the standard ones."""
-        return REMIND_LEGEND if self.is_remind else GENERIC_LEGEND
+        return paper.REMIND_LEGEND if self.is_remind else paper.GENERIC_LEGEND
 
     def scores(self) -> dict[str, float]:
         """Pooled over scenes, fractions; NaN where undefined.
 
         Other trackers than REMIND have no shares of firm and ambiguous answers.
         """
-        scores = paper_scores(pool_counts(self.scenes.values()))
+        scores = paper.paper_scores(pool_counts(self.scenes.values()))
         left_out = () if self.is_remind else (*_UNCERTAIN, "WeakShare")
         named = {**scores, **self.scene_counts()}
         return {name: float(value) for name, value in named.items() if name not in left_out}
@@ -79,7 +70,9 @@ class PaperEvaluation(SceneScores):
         """Bootstrap intervals over scenes; none for one scene."""
         if len(self.scenes) < 2:
             return {}
-        return bootstrap_intervals(stack_counts(self.scenes.values()), paper_scores, **options)
+        return bootstrap_intervals(
+            stack_counts(self.scenes.values()), paper.paper_scores, **options
+        )
 
 
 def evaluate_paper(
@@ -131,7 +124,7 @@ def paper_table(
 
 def _sight(
     truth: TrackRows, prediction: TrackRows, tracks: Sequence[Tracks] | None
-) -> tuple[Sightings, list[str]]:
+) -> tuple[paper.Sightings, list[str]]:
     """Matches detections with the truth, by the rule of the paper.
 
     Predictions are those of any tracker, or the numbered detections of a run with its tracks.
@@ -143,7 +136,7 @@ def _sight(
     iou = np.zeros(len(sequence.pred))
     row[pred], iou[pred] = gt, similarity
     ids = sequence.pred.id
-    sightings = Sightings(
+    sightings = paper.Sightings(
         gt_frame=sequence.gt.frame,
         gt_id=sequence.gt.id,
         gt_class=sequence.gt.class_index,
@@ -161,7 +154,7 @@ def _sight(
 def _without_ignored(rows: TrackRows) -> TrackRows:
     """Without the classes that the original leaves out; as it is, if there are no others."""
     is_ignored = np.array(
-        [n.strip().casefold() in IGNORED_CLASSES for n in rows.class_names] + [False]
+        [n.strip().casefold() in paper.IGNORED_CLASSES for n in rows.class_names] + [False]
     )
     keep = ~is_ignored[np.where(rows.class_id == UNKNOWN_CLASS, -1, rows.class_id)]
     return rows.select(keep) if keep.any() and not keep.all() else rows
@@ -169,11 +162,11 @@ def _without_ignored(rows: TrackRows) -> TrackRows:
 
 def _count_scene(
     stream: SceneStream, scene: str, predicted: str
-) -> tuple[tuple[PaperCounts, ...], list[str]]:
-    truth, predictions = stream.truth.read[scene](), stream.predictions
+) -> tuple[tuple[paper.PaperCounts, ...], list[str]]:
+    truth, predictions = stream.truth.read(scene), stream.predictions
     if predictions.format != "run":
-        sightings, notes = _sight(truth, predictions.read[predicted](), None)
-        return (count_generic(sightings),), notes
+        sightings, notes = _sight(truth, predictions.read(predicted), None)
+        return (paper.count_generic(sightings),), notes
     tracks = read_tracks(predictions.files[predicted])
     sightings, notes = _sight(truth, number_detections(tracks, truth.name), tracks)
-    return (count_remind(sightings), count_generic(sightings)), notes
+    return (paper.count_remind(sightings), paper.count_generic(sightings)), notes

@@ -118,11 +118,7 @@ def evaluate_pair(
 
 
 def check_undecided(undecided: str) -> None:
-    """Refuses what is no way to deal with undecided detections.
-
-    Raises:
-      RemindError: If it is none.
-    """
+    """Raises RemindError if it is no way to deal with undecided detections."""
     if undecided not in ("strict", "collapse"):
         hint = nearest_names(undecided, ("strict", "collapse"))
         raise RemindError(f"undecided is '{undecided}'; {hint}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from remind_jax.decision import NO_ID
 from remind_jax.errors import SourceError
 from remind_jax.files.records import read_lines
 from remind_jax.formats.firm import keep_unique
-from remind_jax.formats.rows import RowCollector, TrackRows
+from remind_jax.formats.rows import Row, TrackRows, collect_rows
 from remind_jax.tracks import Tracks
 
 RUN_FILE = "detections.jsonl"
@@ -39,7 +38,7 @@ def read_tracks(folder: Path) -> Sequence[Tracks]:
     return store.read_run(folder)[1]
 
 
-def read_run_rows(folder: Path, name: str) -> TrackRows:
+def read_run_rows(name: str, folder: Path) -> TrackRows:
     """The firm identities of a run."""
     tracks = read_tracks(folder)
     return rows_of_tracks(tracks, [frame.object_id for frame in tracks], name)
@@ -63,18 +62,20 @@ def rows_of_tracks(
     index = {label: place for place, label in enumerate(class_names)}
     num_frames = tracks[-1].frame_index + 1 if tracks else 0
     names, source_frames = [""] * num_frames, np.full(num_frames, NO_ID)
-    rows = RowCollector()
+    rows: list[Row] = []
     for frame, ids in zip(tracks, labels, strict=True):
         names[frame.frame_index] = frame.name
         source_frames[frame.frame_index] = frame.source_index
         for row in np.flatnonzero(keep_unique(ids, frame.score)):
             class_id = index[frame.labels[row]]
-            rows.add(frame.frame_index, int(ids[row]), class_id, rle=frame.rles[row])
-    finished = rows.finish(
+            rows.append((frame.frame_index, int(ids[row]), class_id, frame.rles[row], None))
+    return collect_rows(
         name,
         num_frames,
-        class_names=class_names,
-        frame_names=names,
+        rows,
+        class_names=tuple(class_names),
+        frame_names=tuple(names),
         frame_size=tracks[0].frame_size if tracks else None,
+        is_sampled=True,
+        source_frames=source_frames,
     )
-    return dataclasses.replace(finished, is_sampled=True, source_frames=source_frames)

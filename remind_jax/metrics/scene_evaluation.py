@@ -30,18 +30,8 @@ from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_strea
 from remind_jax.printing.small_table import SmallTable
 
 COLUMNS = (
-    "HOTA",
-    "DetA",
-    "AssA",
-    "IDF1",
-    "IDP",
-    "IDR",
-    "MOTA",
-    "Recovery",
-    "HardRecovery",
-    "IDSW",
-    "IDs",
-    "GT_IDs",
+    *("HOTA", "DetA", "AssA", "IDF1", "IDP", "IDR", "MOTA", "Recovery", "HardRecovery"),
+    *("IDSW", "IDs", "GT_IDs"),
 )
 UNCERTAIN_COLUMNS = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate")
 
@@ -150,20 +140,20 @@ def _score_scene(
 ) -> tuple[Evaluation, list[str]]:
     """Reads and scores one scene; also notes about it."""
     truth, predictions = stream.truth, stream.predictions
-    rows, tracks, has_classes = truth.read[scene](), None, True
+    rows, tracks, has_classes = truth.read(scene), None, True
     if predictions.format == "run":
         tracks = read_tracks(predictions.files[predicted])
         paired = pair_scene(rows, number_detections(tracks, rows.name))
     elif truth.format in TEXT_FORMATS and truth.format == predictions.format:
         texts = fit_texts(
             rows,
-            predictions.read[predicted](),
+            predictions.read(predicted),
             num_frames=options.num_frames,
             class_id=options.class_id,
         )
         paired, has_classes = pair_scene(*texts), False
     else:
-        paired = pair_scene(rows, predictions.read[predicted]())
+        paired = pair_scene(rows, predictions.read(predicted))
     evaluation = evaluate_pair(
         paired,
         tracks,
@@ -216,10 +206,7 @@ def compare(
 
 
 def table_of(
-    evaluations: Sequence[SetEvaluation],
-    *,
-    num_resamples: int = 1000,
-    title: str = "",
+    evaluations: Sequence[SetEvaluation], *, num_resamples: int = 1000, title: str = ""
 ) -> ComparisonTable:
     """Scored sets of predictions as a table, a row each.
 

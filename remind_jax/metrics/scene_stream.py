@@ -73,10 +73,8 @@ class SceneStream:
     ) -> tuple[dict[str, Score], dict[str, str], tuple[str, ...]]:
         """Scores all scenes, each by its names in the truth and in the predictions.
 
-        `score_scene` gives a result and notes.
-
-        Returns:
-          Results by scene, why others failed by scene, and notes.
+        Given are results by scene, why others failed by scene, and notes; by `score_scene` a
+        result and notes.
 
         Raises:
           RemindError: What a scene raised, if it is the only one.
@@ -147,20 +145,20 @@ def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str 
     Raises:
       SourceError: If no scene has one.
     """
-    if len(truth.names) == len(predictions.names) == 1:
-        return {truth.names[0]: predictions.names[0]}, []
-    known = {_last_part(name): name for name in predictions.names}
+    if len(truth.files) == len(predictions.files) == 1:
+        return dict(zip(truth.files, predictions.files, strict=True)), []
+    known = {_last_part(name): name for name in predictions.files}
     partner = {
-        scene: scene if scene in predictions.read else known.get(_last_part(scene))
-        for scene in truth.names
+        scene: scene if scene in predictions.files else known.get(_last_part(scene))
+        for scene in truth.files
     }
     if not any(partner.values()):
-        theirs, ours = (first_of(side.names, MAX_NAMED) for side in (predictions, truth))
+        theirs, ours = (first_of([*side.files], MAX_NAMED) for side in (predictions, truth))
         raise SourceError(
             f"'{predictions.path}' predicts no scene of '{truth.path}': it holds {theirs}, and the "
             f"truth {ours}; name its files or folders as the scenes of the truth"
         )
-    extra = sorted(set(predictions.names) - set(partner.values()))
+    extra = sorted(set(predictions.files) - set(partner.values()))
     notes = []
     if extra:
         shown = ", ".join(extra[:3]) + (", ..." if len(extra) > 3 else "")

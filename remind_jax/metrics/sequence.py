@@ -164,9 +164,7 @@ class TrackingSequence:
         return self.select(self.gt.class_index == index, self.pred.class_index == index)
 
 
-def number_ids(
-    ids: Int[np.ndarray, "N"],
-) -> tuple[Int[np.ndarray, "U"], Int[np.ndarray, "N"]]:
+def number_ids(ids: Int[np.ndarray, "N"]) -> tuple[Int[np.ndarray, "U"], Int[np.ndarray, "N"]]:
     """The distinct ids, ascending, and the position of each id among them."""
     found, member = np.unique(ids, return_inverse=True)
     return found, member

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,7 +20,7 @@ from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import SourceError
 from remind_jax.files.records import Count, Text, read_json
-from remind_jax.formats.firm import firm_rows
+from remind_jax.formats.firm import firm_ids, main_labels
 from remind_jax.outputs import report
 from remind_jax.outputs.result import Result
 from remind_jax.tracks import Tracks
@@ -83,13 +82,7 @@ def read_edits(path: str | Path) -> Edits:
 
 def first_labels(run: Sequence[Tracks]) -> Labels:
     """The labels of a run before any edit; an identity given twice in a frame labels one."""
-    labels = []
-    for tracks in run:
-        label = np.full(len(tracks), NO_ID, np.int64)
-        rows = firm_rows(tracks)
-        label[rows] = tracks.object_id[rows]
-        labels.append(label)
-    return labels
+    return [firm_ids(tracks) for tracks in run]
 
 
 def digest(labels: Labels) -> str:
@@ -127,7 +120,7 @@ def apply_edits(result: Result, edits: Edits, where: str) -> Result:
             )
     for tracks, label in zip(result.tracks, labels, strict=True):
         _check_once(tracks, label, where)
-    classes = _classes(result.tracks, labels)
+    classes = main_labels(result.tracks, labels)
     labeled = tuple(
         _relabeled(tracks, label, classes)
         for tracks, label in zip(result.tracks, labels, strict=True)
@@ -175,14 +168,6 @@ def _check_once(tracks: Tracks, label: np.ndarray, where: str) -> None:
         )
 
 
-def _classes(run: Sequence[Tracks], labels: Labels) -> dict[int, str]:
-    votes: dict[int, Counter[str]] = {}
-    for tracks, label in zip(run, labels, strict=True):
-        for row in np.flatnonzero(label != NO_ID):
-            votes.setdefault(int(label[row]), Counter())[tracks.labels[row]] += 1
-    return {identity: counted.most_common(1)[0][0] for identity, counted in votes.items()}
-
-
 def _relabeled(tracks: Tracks, label: np.ndarray, classes: dict[int, str]) -> Tracks:
     is_labeled = label != NO_ID
     num = len(tracks)
@@ -204,10 +189,7 @@ def _relabeled(tracks: Tracks, label: np.ndarray, classes: dict[int, str]) -> Tr
 
 
 def write_label_page(folder: str | Path) -> tuple[Path, Result]:
-    """Writes the labeling page into the folder of a run, with the pictures of its report.
-
-    Returns:
-      The page, and the run.
+    """Writes the labeling page into the folder of a run, with its pictures; gives page and run.
 
     Raises:
       OutputError: If the folder holds no run, or the page cannot be written.

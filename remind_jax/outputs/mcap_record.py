@@ -17,28 +17,21 @@ from remind_jax.tracks import Tracks
 
 _JPEG_QUALITY = 85
 _FRAME_ID = "camera"
+_WHOLE, _NUMBER, _TEXT = ({"type": kind} for kind in ("integer", "number", "string"))
+_DETECTION = {
+    "id": {"type": ["integer", "null"]},
+    "name": _TEXT,
+    "label": _TEXT,
+    "outcome": _TEXT,
+    "confidence": {"type": ["number", "null"]},
+    "candidates": {"type": "array", "items": _WHOLE},
+    "box": {"type": "array", "items": _NUMBER},
+}
+_DETECTIONS = {"type": "array", "items": {"type": "object", "properties": _DETECTION}}
 _TRACKS_SCHEMA = {
     "title": "remind.Tracks",
     "type": "object",
-    "properties": {
-        "frame": {"type": "integer"},
-        "name": {"type": "string"},
-        "detections": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "properties": {
-                    "id": {"type": ["integer", "null"]},
-                    "name": {"type": "string"},
-                    "label": {"type": "string"},
-                    "outcome": {"type": "string"},
-                    "confidence": {"type": ["number", "null"]},
-                    "candidates": {"type": "array", "items": {"type": "integer"}},
-                    "box": {"type": "array", "items": {"type": "number"}},
-                },
-            },
-        },
-    },
+    "properties": {"frame": _WHOLE, "name": _TEXT, "detections": _DETECTIONS},
 }
 
 
@@ -46,11 +39,7 @@ class McapRecord(contextlib.AbstractContextManager):
     """Writes a run frame by frame."""
 
     def __init__(self, path: str | Path) -> None:
-        """Writes nothing yet.
-
-        Raises:
-          ConfigError: If Foxglove's library is not installed.
-        """
+        """Writes nothing yet. Raises ConfigError if Foxglove's library is not installed."""
         try:
             import foxglove
             from foxglove import channels, messages

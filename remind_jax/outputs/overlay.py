@@ -21,18 +21,7 @@ from remind_jax.errors import SourceError
 from remind_jax.files import writing
 from remind_jax.frame import UNTIMED_FPS, Rle, frame_of
 from remind_jax.masks.run_length import cut_masks, encode_masks
-from remind_jax.outputs.drawing import (
-    AMBIGUOUS,
-    DISCARDED,
-    NO_IMAGE_GRAY,
-    PROVISIONAL,
-    Color,
-    fit_image,
-    identity_color,
-    ink_on,
-    put_text,
-    text_width,
-)
+from remind_jax.outputs import drawing
 from remind_jax.tracks import Tracks
 
 OVERLAY_NAME = "overlay.mp4"
@@ -43,20 +32,7 @@ MAX_PIXELS = 4096 * 2304
 _KEY_FRAME_EVERY_S = 1.0
 
 
-@dataclasses.dataclass(frozen=True)
-class _Rectangle:
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    def overlaps(self, other: _Rectangle) -> bool:
-        return (
-            self.left < other.right
-            and other.left < self.right
-            and self.top < other.bottom
-            and other.top < self.bottom
-        )
+_Rectangle = tuple[int, int, int, int]  # left, top, right, bottom
 
 
 def draw(image: Any, tracks: Tracks) -> UInt8[np.ndarray, "H W 3"]:
@@ -92,9 +68,9 @@ def draw_overlay(
     """
     height, width = tracks.frame_size
     if image is None:
-        canvas = np.full((height, width, 3), NO_IMAGE_GRAY, np.uint8)
+        canvas = np.full((height, width, 3), drawing.NO_IMAGE_GRAY, np.uint8)
     else:
-        canvas = fit_image(image, height, width).copy()
+        canvas = drawing.fit_image(image, height, width).copy()
     size_px = int(np.clip(round(height / 34), 11, 40))
     largest_first = np.argsort(-tracks.areas, kind="stable")
     for row in largest_first:
@@ -132,13 +108,13 @@ def _smaller(tracks: Tracks, size: tuple[int, int]) -> Tracks:
     )
 
 
-def detection_color(tracks: Tracks, row: int) -> Color:
+def detection_color(tracks: Tracks, row: int) -> drawing.Color:
     """Color of a detection: its identity's, white if ambiguous, light gray if provisional."""
     if tracks.object_id[row] != NO_ID:
-        return identity_color(int(tracks.object_id[row]))
+        return drawing.identity_color(int(tracks.object_id[row]))
     if _is_discarded(tracks, row):
-        return DISCARDED
-    return AMBIGUOUS if tracks.outcome[row] == Outcome.AMBIGUOUS else PROVISIONAL
+        return drawing.DISCARDED
+    return drawing.AMBIGUOUS if tracks.outcome[row] == Outcome.AMBIGUOUS else drawing.PROVISIONAL
 
 
 def _is_discarded(tracks: Tracks, row: int) -> bool:
@@ -149,7 +125,7 @@ def _is_discarded(tracks: Tracks, row: int) -> bool:
     )
 
 
-def _draw_mask(canvas: np.ndarray, rle: Rle, ink: Color, thin: bool) -> None:
+def _draw_mask(canvas: np.ndarray, rle: Rle, ink: drawing.Color, thin: bool) -> None:
     """Tints the mask unless it is only to be outlined, and draws its outline with a dark rim."""
     crops = cut_masks([rle], (canvas.shape[0], canvas.shape[1]))
     (left, top), mask = crops.corners[0], crops.windows[0]
@@ -182,21 +158,16 @@ def _draw_label(
     text = tracks.display_name(row)
     pad = max(2, size_px // 4)
     box_height = size_px + 2 * pad
-    box_width = text_width(text, size_px) + 2 * pad
+    box_width = drawing.text_width(text, size_px) + 2 * pad
     spot = _free_spot(canvas.shape[:2], tracks.boxes[row], box_width, box_height, placed)
     placed.append(spot)
+    left, top, right, bottom = spot
     color = detection_color(tracks, row)
-    cv2.rectangle(
-        canvas,
-        (spot.left - 1, spot.top - 1),
-        (spot.right, spot.bottom),
-        (16, 18, 22),
-        1,
-        cv2.LINE_AA,
-    )
-    canvas[spot.top : spot.bottom, spot.left : spot.right] = color
-    baseline = spot.top + pad + round(0.86 * size_px)
-    put_text(canvas, text, spot.left + pad, baseline, size_px, ink_on(color))
+    rim = (left - 1, top - 1), (right, bottom)
+    cv2.rectangle(canvas, *rim, (16, 18, 22), 1, cv2.LINE_AA)
+    canvas[top:bottom, left:right] = color
+    baseline = top + pad + round(0.86 * size_px)
+    drawing.put_text(canvas, text, left + pad, baseline, size_px, drawing.ink_on(color))
 
 
 def _free_spot(
@@ -209,13 +180,16 @@ def _free_spot(
     tops = [box[1] - height, box[1], box[3]]
     tops += [box[1] + step * (height + 1) for step in range(1, 5)]
     spots = [
-        _Rectangle(left, top, min(left + width, frame_width), min(top + height, frame_height))
+        (left, top, min(left + width, frame_width), min(top + height, frame_height))
         for top in (int(np.clip(t, 0, lowest)) for t in tops)
     ]
-    for spot in spots:
-        if not any(spot.overlaps(other) for other in placed):
-            return spot
-    return spots[0]
+    free = (spot for spot in spots if not any(_overlap(spot, other) for other in placed))
+    return next(free, spots[0])
+
+
+def _overlap(one: _Rectangle, other: _Rectangle) -> bool:
+    across = max(one[0], other[0]) < min(one[2], other[2])
+    return across and max(one[1], other[1]) < min(one[3], other[3])
 
 
 def is_playable(path: Path) -> bool:
@@ -254,7 +228,7 @@ class OverlayVideo(contextlib.AbstractContextManager):
         """Appends one RGB frame."""
         with writing(self._path, FFmpegError):
             stream = self._stream or self._start(image.shape[0], image.shape[1])
-            image = fit_image(image, *self._size)
+            image = drawing.fit_image(image, *self._size)
             height, width = self._size
             even = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
             frame = av.VideoFrame.from_ndarray(even, format="rgb24")

@@ -22,12 +22,7 @@ from remind_jax.files.limits import MAX_FRAMES
 from remind_jax.frame import SkippedFrame
 from remind_jax.method import get_method
 from remind_jax.outputs import store
-from remind_jax.outputs.presence import (
-    MIN_ABSENCE_FRAMES,
-    UNDECIDED,
-    ObjectHistory,
-    find_histories,
-)
+from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES, UNDECIDED, ObjectHistory, find_histories
 from remind_jax.outputs.run_records import Event, KnownObject, MemoryUse, RunInfo
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.settings.ranges import check_option

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from remind_jax.decision import NO_ID, Outcome, Reason, Status
+from remind_jax.decision import CODES, NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
 from remind_jax.files.limits import MAX_INTEGER, MAX_ROWS
 from remind_jax.files.records import Count, Label, Side, Small, Text, Whole, check
@@ -38,8 +38,7 @@ else:
 FrameNumber = Annotated[int, Meta(ge=0, lt=MAX_FRAMES)]
 Milliseconds = Annotated[float, Meta(ge=0.0, le=1e12)]
 
-# Keys of a detection, and the fields of `Tracks` that they are.
-_CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
+# Keys of a detection beside its codes, and the fields of `Tracks` that they are.
 _NUMBERS = {
     "object_id": ("object_id", np.int32),
     "pending_id": ("pending_id", np.int32),
@@ -146,7 +145,7 @@ def _detection_to_json(tracks: Tracks, row: int) -> dict[str, Any]:
     )
     return {
         "label": tracks.labels[row],
-        **{key: kind(getattr(tracks, key)[row]).name.lower() for key, kind in _CODES.items()},
+        **{key: kind(getattr(tracks, key)[row]).name.lower() for key, kind in CODES.items()},
         **{key: _number(getattr(tracks, field)[row]) for key, (field, _) in _NUMBERS.items()},
         "candidates": [list(pair) for pair in candidates],
         "box": [_number(side) for side in tracks.boxes[row]],
@@ -182,7 +181,7 @@ def tracks_of(frame: FrameRow) -> Tracks:
         raise OutputError("a mask is damaged: its code is no ASCII text") from error
     columns: dict[str, Any] = {
         key: np.array([kind[getattr(row, key).upper()] for row in rows], np.int32)
-        for key, kind in _CODES.items()
+        for key, kind in CODES.items()
     }
     for key, (field, dtype) in _NUMBERS.items():
         columns[field] = np.array([getattr(row, key) for row in rows], dtype)
@@ -202,11 +201,7 @@ def tracks_of(frame: FrameRow) -> Tracks:
 
 
 def check_masks(frames: Iterable[Tracks]) -> None:
-    """Checks the codes of all masks.
-
-    Raises:
-      OutputError: If one is damaged.
-    """
+    """Checks the codes of all masks. Raises OutputError if one is damaged."""
     for frame in frames:
         row = find_malformed(frame.rles)
         if row is not None:

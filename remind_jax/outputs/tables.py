@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
-from remind_jax.files.csv_cells import write_row
+from remind_jax.files.csv_cells import csv_text
 from remind_jax.formats.coco_tracks import coco_video
 from remind_jax.formats.mot import mot_lines, mots_lines
 from remind_jax.outputs.store import FrameWriter
@@ -64,17 +63,10 @@ def csv_writer(path: Path, *, append: bool = False) -> FrameWriter:
     """Writes `tracks.csv`; text is guarded (`files/csv_cells.py`)."""
     return FrameWriter(
         path,
-        _to_lines([CSV_COLUMNS]),
-        lambda tracks: _to_lines(row.values() for row in detection_rows(tracks)),
+        csv_text([CSV_COLUMNS]),
+        lambda tracks: csv_text(row.values() for row in detection_rows(tracks)),
         append=append,
     )
-
-
-def _to_lines(rows: Iterable[Iterable[Any]]) -> str:
-    text = io.StringIO()
-    for row in rows:
-        write_row(text, row)
-    return text.getvalue()
 
 
 def write_tables(

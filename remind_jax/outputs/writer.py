@@ -211,16 +211,13 @@ class RunWriter:
 def render_again(
     run_dir: str | Path, source: Iterable[Frame] | None = None, *, is_moved: bool = False
 ) -> Result:
-    """Draws overlay and report of a finished or interrupted run anew.
+    """Draws overlay and report of a finished or interrupted run anew; gives the run.
 
     Args:
       source: The frames that the run was made from, in order, as they are sampled; frames that
         the run does not know are passed over. Without it the overlay stays as it is (drawn on
         gray if there is none), and the crops are taken from the earlier report.
       is_moved: They were at another place, so a source that has more of them is another one.
-
-    Returns:
-      The run.
 
     Raises:
       OutputError: If the folder holds no run, `source` is another one, or writing fails.

@@ -11,7 +11,6 @@ import dataclasses
 import numbers
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -51,14 +50,10 @@ class Announcements:
         """All objects with lower ids were announced under these, no other was."""
         return cls(known_below=object_id, next_id=object_id)
 
-    def to_json(self) -> dict[str, Any]:
-        """What a later run needs to go on, as `json` can write it."""
-        return {
-            "known_below": self.known_below,
-            "next_id": self.next_id,
-            "ids": [list(pair) for pair in self.ids.items()],
-            "counts": [list(pair) for pair in self.counts.items()],
-        }
+    def filed(self) -> FiledAnnouncements:
+        """What a later run needs to go on."""
+        ids, counts = ([*pairs.items()] for pairs in (self.ids, self.counts))
+        return FiledAnnouncements(self.known_below, self.next_id, ids, counts)
 
     @property
     def is_identity(self) -> bool:
@@ -91,14 +86,9 @@ class Announcements:
     def joined(
         self, other: Announcements, ids: Mapping[int, int]
     ) -> tuple[Announcements, dict[int, int]]:
-        """With the objects of another memory.
+        """With the objects of another memory, and the id announced here of each one there.
 
-        Args:
-          other: What was announced of them there.
-          ids: Of each object there: its id in this memory, higher than all before.
-
-        Returns:
-          What is announced now, and the announced id here of each that they had there.
+        `ids` has of each object there its id in this memory, higher than all before.
         """
         known = {one: number for one in ids if (number := other.id_of(one)) != NO_ID}
         if self.is_identity:
@@ -126,7 +116,7 @@ class Announcements:
 
 
 class FiledAnnouncements(msgspec.Struct, frozen=True):
-    """As `Announcements.to_json` makes it."""
+    """What was announced, as a memory file has it."""
 
     known_below: Whole
     next_id: Whole
@@ -134,7 +124,7 @@ class FiledAnnouncements(msgspec.Struct, frozen=True):
     counts: list[tuple[Small, Whole]]
 
     def restored(self) -> Announcements:
-        """What was announced."""
+        """The same as it was."""
         return Announcements(self.known_below, dict(self.ids), dict(self.counts), {}, self.next_id)
 
 
@@ -145,7 +135,6 @@ def choose_after(asked: int | None, configured: int, has_detector: bool) -> int:
       asked: What the caller wants; None or 0 leaves it to the configuration.
       configured: `input.announce_after`; 0 leaves it to the kind of detections: 1 for given masks,
         else `DETECTOR_DEFAULT`.
-      has_detector: Whether detections come from a detector.
 
     Raises:
       OptionError: If what is asked for is no number of detections.

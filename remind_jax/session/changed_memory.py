@@ -16,14 +16,9 @@ import numpy as np
 from remind_jax.errors import ConfigError, RemindError
 from remind_jax.method import Joining, get_method
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.session import memory_fit
 from remind_jax.session.announcement import Announcements
 from remind_jax.session.memory_file import SavedMemory
-from remind_jax.session.memory_fit import (
-    check_backbone,
-    check_classes,
-    check_tracker,
-    was_made_without_classes,
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,10 +51,10 @@ def join_memories(
       RemindError: If the memories are of different trackers, backbones or widths of features.
     """
     method = get_method(memory.tracker)
-    check_tracker(other, memory.tracker, path)
+    memory_fit.check_tracker(other, memory.tracker, path)
     if memory.class_names:
-        check_classes(other, was_made_without_classes(memory), path)
-    check_backbone(other, memory.backbone, memory.fingerprint, path)
+        memory_fit.check_classes(other, memory_fit.was_made_without_classes(memory), path)
+    memory_fit.check_backbone(other, memory.backbone, memory.fingerprint, path)
     if method.host.join is None or memory.at_rest is None or other.at_rest is None:
         raise ConfigError(
             f"tracker '{memory.tracker}' cannot join memories; trackers that keep objects at rest "
@@ -115,10 +110,7 @@ def _merged_into(memory: SavedMemory) -> dict[int, int]:
 
 
 def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
-    """The memory without an object and all that was merged into it; its records lose it as well.
-
-    Args:
-      object_id: As announced.
+    """The memory without an object and what was merged into it; its records lose it as well.
 
     Raises:
       SourceError: If there is no such object.

@@ -23,14 +23,7 @@ from remind_jax.config.dotted_keys import flatten
 from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TraceArchive
 from remind_jax.files.records import Count, Label, Small, decode_json, read_lines
-from remind_jax.outputs.run_records import (
-    Event,
-    FrameRow,
-    Milliseconds,
-    check_masks,
-    tracks_of,
-    tracks_to_json,
-)
+from remind_jax.outputs import run_records
 from remind_jax.outputs.writer import CHECKPOINT_NAME, MEMORY_NAME
 from remind_jax.session.live import Tracker
 from remind_jax.tracks import Tracks
@@ -47,12 +40,12 @@ _START_ANEW = "start the run anew with --overwrite"
 class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a run collected of one frame, beside what was decided."""
 
-    timings_ms: dict[Label, Milliseconds]  # by stage
-    compile_s: Milliseconds  # waited for programs in the run so far
-    first_frame_ms: Milliseconds | None = None  # of the first frame only
+    timings_ms: dict[Label, run_records.Milliseconds]  # by stage
+    compile_s: run_records.Milliseconds  # waited for programs in the run so far
+    first_frame_ms: run_records.Milliseconds | None = None  # of the first frame only
     merges: list[tuple[Small, Small]] = []  # objects that turned out to be others
     evidence: dict[Label, list[Small]] | None = None  # what delayed answers are revised by
-    events: list[Event] = []
+    events: list[run_records.Event] = []
     has_grown: bool = False
     dropped: dict[Label, Count] = {}  # by the detector
     attention_slots: Count = 0
@@ -93,7 +86,7 @@ class Header(msgspec.Struct, frozen=True):
 
 
 class _Line(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    frame: FrameRow  # as decided
+    frame: run_records.FrameRow  # as decided
     step: Step
 
 
@@ -106,11 +99,7 @@ class Checkpoints:
         every_s: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Touches nothing yet.
-
-        Args:
-          every_s: Seconds between checkpoints; `EVERY_S` if left out.
-        """
+        """`every_s` are seconds between checkpoints; `EVERY_S` if left out."""
         self.run_folder, self.folder = run_folder, run_folder / CHECKPOINT_NAME
         self._every_s, self._clock = EVERY_S if every_s is None else every_s, clock
         self._path = self.folder / FRAMES_NAME
@@ -173,7 +162,7 @@ class Checkpoints:
 
     def add(self, decided: Tracks, step: Step) -> None:
         """Takes a frame that is done."""
-        content = {"frame": tracks_to_json(decided), "step": step}
+        content = {"frame": run_records.tracks_to_json(decided), "step": step}
         self._unwritten.append(msgspec.json.encode(content) + b"\n")
         self._num_done += 1
 
@@ -215,8 +204,8 @@ class Checkpoints:
         where = f"'{self._path}', line {number + 1}"
         try:
             row = decode_json(line, _Line, where, refused=OutputError)
-            tracks = tracks_of(row.frame)
-            check_masks([tracks])
+            tracks = run_records.tracks_of(row.frame)
+            run_records.check_masks([tracks])
         except OutputError as error:
             raise OutputError(f"{where}: {error}; {_START_ANEW}") from error
         # As they are made: in other types pictures would be cut out a little differently.

@@ -28,10 +28,7 @@ def as_now(
     """The tensors of a file by the names of the leaves of a memory.
 
     Leaves that there were not yet are what the others say, else as in an empty memory; places that
-    there were not yet are zero.
-
-    Args:
-      leaves: Shapes and types of all leaves.
+    there were not yet are zero. `leaves` are the shapes and types of all leaves.
     """
     found = {name: one for name, one in tensors.items() if name not in method.host.gone_leaves}
     if schema in EARLIER_VERSIONS:
@@ -59,13 +56,7 @@ def as_now(
 def split_columns(
     tensors: Mapping[str, np.ndarray], columns: Columns, leaves: Mapping[str, Any]
 ) -> dict[str, np.ndarray]:
-    """The tensors by the names of the leaves of a memory; what lacks columns is left out.
-
-    Args:
-      tensors: Those of a file.
-      columns: Which of them hold which leaves.
-      leaves: Shapes and types of all leaves.
-    """
+    """The tensors by the names of the leaves of a memory; what lacks columns is left out."""
     found = dict(tensors)
     for name, (axis, parts) in columns.items():
         if name not in found or not found[name].ndim:

@@ -34,8 +34,7 @@ class _Row(msgspec.Struct, frozen=True):
     first: tuple[Positive, Small]
     last: tuple[Positive, Small]
     pictures: Annotated[
-        list[tuple[Annotated[float, Meta(ge=0.0, le=1e9)], Positive]],
-        Meta(max_length=MAX_PICTURES),
+        list[tuple[Annotated[float, Meta(ge=0.0, le=1e9)], Positive]], Meta(max_length=MAX_PICTURES)
     ]  # quality and bytes of each
     visit: tuple[Count, Annotated[int, Meta(ge=-1, lt=MAX_PICTURES)]]  # its frames, its picture
     now: Count = 0  # frames in the session of the last sight
@@ -52,14 +51,11 @@ class FiledRecords(msgspec.Struct, frozen=True):
 
 
 def to_file(
-    records: ObjectRecords,
-    ids: Collection[int],
-    since: Mapping[int, ObjectRecord] | None = None,
+    records: ObjectRecords, ids: Collection[int], since: Mapping[int, ObjectRecord] | None = None
 ) -> tuple[FiledRecords, UInt8[np.ndarray, "B"]]:
     """What a memory file keeps of the records, and the bytes of all pictures.
 
     Args:
-      records: All records.
       ids: Of objects that memory still has.
       since: Records that the file has already, as `kept` gave them; nothing if left out.
     """

@@ -46,8 +46,7 @@ def run_into(
 ) -> Result:
     """Tracks all frames, and completes the folder whatever happens; the caller has locked it.
 
-    Args:
-      options: What a run must have in common with one that it goes on with, beside its `RunInfo`.
+    With a run that it goes on with, it must have `options` and `RunInfo` in common.
 
     Raises:
       RemindError: If something about the input or the output is wrong; what was written until then

@@ -35,10 +35,7 @@ class FrameFeatures:
         backbone: Backbone,
         closeups: Literal["auto", "always", "never"] = "never",
     ) -> None:
-        """Describes nothing yet.
-
-        Args:
-          closeups: As `input.closeups`.
+        """Describes in closeups as `input.closeups` says.
 
         Raises:
           ConfigError: If closeups are to be described, and the method reads none.

@@ -70,12 +70,7 @@ class FrameLoop:
         num_waiting: int = 0,
         checkpoints: Checkpoints | None = None,
     ) -> None:
-        """Collects nothing yet.
-
-        Args:
-          delayed: Revises answers that wait; None if they are given at once.
-          num_waiting: Frames that wait for announcements.
-        """
+        """`delayed` revises answers that wait, `num_waiting` frames wait for announcements."""
         self._delayed, self._num_waiting = delayed, num_waiting
         self._waiting: deque[tuple[Frame, Tracks]] = deque()  # as decided
         self.tracker, self.source, self.detector = tracker, source, detector
@@ -119,11 +114,7 @@ class FrameLoop:
         self._decided = KeptTracks(folder)
 
     def look_at_first(self, ahead: Iterator[Upcoming]) -> Frame:
-        """The first frame, before it is its turn.
-
-        Raises:
-          SourceError: If there is none.
-        """
+        """The first frame, before it is its turn. Raises SourceError if there is none."""
         self._first = next(ahead, None)
         if self._first is None:
             why = [f": '{one.name}' was left out, {one.reason}" for one in self.source.skipped]
@@ -151,11 +142,7 @@ class FrameLoop:
         writer.end_repeating()
 
     def consume(self, ahead: Generator[Upcoming, None, None], writer: RunWriter | None) -> bool:
-        """Tracks every frame; Ctrl-C ends the loop.
-
-        Returns:
-          Whether nothing is left to do: no Ctrl-C came, or it ended a live source.
-        """
+        """Tracks every frame, until Ctrl-C; False if that cut a recording off."""
         complete = True
         if self.view is not None:
             self.view.remember(self.tracker.objects())

@@ -59,8 +59,7 @@ class Identities:
     def resume(self, merged_into: Mapping[int, int]) -> None:
         """After `restore`: as if the frames of the memory had been of this session.
 
-        Args:
-          merged_into: Objects that turned out to be others in them, by ids of the memory.
+        Objects that turned out to be others in them are named by ids of the memory.
         """
         self.announcements = dataclasses.replace(self.announcements, merged_into=merged_into)
         self._is_new_session = False
@@ -125,8 +124,7 @@ class Identities:
     def conclude(self, run: Iterable[Tracks]) -> tuple[Tracks, ...]:
         """The final answers about all frames that were decided, which the records then agree with.
 
-        Args:
-          run: By ids of the memory, with what later frames changed.
+        Frames are given by ids of the memory, with what later ones changed.
         """
         announced = [as_announced(self.announcements, decided) for decided in run]
         self.records.recount(announced)

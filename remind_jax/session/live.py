@@ -29,19 +29,13 @@ from remind_jax.observation import AnyFeats
 from remind_jax.outputs.run_records import Event, MemoryUse
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import plural
+from remind_jax.session import memory_file
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.answers import note_omissions, read_tracks
 from remind_jax.session.changed_memory import JoinedObjects, forget_object, join_memories
 from remind_jax.session.frame_features import FrameFeatures
 from remind_jax.session.growing_memory import GrowingMemory, most_detections
 from remind_jax.session.identities import Identities
-from remind_jax.session.memory_file import (
-    MemoryFile,
-    SavedMemory,
-    check_precision,
-    load_memory,
-    save_memory,
-)
 from remind_jax.session.memory_fit import check_backbone, check_classes, check_tracker, static_of
 from remind_jax.session.object_records import ObjectRecords, RememberedObject
 from remind_jax.session.preparation import FramePreparer, Prepared
@@ -110,7 +104,7 @@ class Tracker(Printable):
             )
         self.backbone = get_backbone(backbone, **backbone_options)
         static = self.config.static
-        check_precision(static, "the configuration has", ConfigError)
+        memory_file.check_precision(static, "the configuration has", ConfigError)
         self.features = FrameFeatures(self.method, self.backbone, self.config.input.closeups)
         self.features.check(static)
         self.traces = trace  # whether it keeps what decisions were made of
@@ -120,7 +114,7 @@ class Tracker(Printable):
         )
         # Of one thread: what Ctrl-C kept from being released, it may take again.
         self._locks = {part: threading.RLock() for part in ("prepare", "advance")}
-        self._memory_file: MemoryFile | None = None  # the last one of `checkpoint`
+        self._memory_file: memory_file.MemoryFile | None = None  # the last one of `checkpoint`
         self._features_given = False
         self._has_profile = False
         self.identities = Identities(self.announce_after, static.first_object_id)
@@ -388,7 +382,7 @@ class Tracker(Printable):
         """
         path = as_path(path, "the memory file", OutputError)
         with self._alone("advance"):
-            save_memory(path, self._saved(), durably=durably)
+            memory_file.save_memory(path, self._saved(), durably=durably)
             if self._memory_file is not None and self._memory_file.path == path.resolve():
                 self._memory_file = None
 
@@ -409,7 +403,7 @@ class Tracker(Printable):
         path = as_path(path, "the memory file", OutputError).resolve()
         with self._alone("advance"):
             if self._memory_file is None or self._memory_file.path != path:
-                self._memory_file = MemoryFile(path)
+                self._memory_file = memory_file.MemoryFile(path)
             self._memory_file.update(self._saved())
 
     def load(self, path: str | Path) -> None:
@@ -423,8 +417,10 @@ class Tracker(Printable):
           RemindError: If it was made with another backbone, by another tracker, with classes where
             none are compared (or without), or with room for other switches.
         """
-        read = MemoryFile(as_path(path, "the memory file", OutputError).resolve(), is_read=True)
-        memory = load_memory(path)
+        read = memory_file.MemoryFile(
+            as_path(path, "the memory file", OutputError).resolve(), is_read=True
+        )
+        memory = memory_file.load_memory(path)
         check_tracker(memory, self.method.name, path)
         check_classes(memory, self.config.input.class_agnostic, path)
         if memory.backbone != FEATURES_GIVEN:
@@ -451,12 +447,12 @@ class Tracker(Printable):
         """
         with self._alone("prepare"), self._alone("advance"):
             joined, told = join_memories(
-                self._saved(), load_memory(path), path, self.config.thresholds
+                self._saved(), memory_file.load_memory(path), path, self.config.thresholds
             )
             self._restore(joined)
         return told
 
-    def _restore(self, memory: SavedMemory) -> None:
+    def _restore(self, memory: memory_file.SavedMemory) -> None:
         """Goes on from what a memory knows."""
         self._memory.state = memory.state
         if memory.at_rest is not None:
@@ -497,18 +493,14 @@ class Tracker(Printable):
             self.identities.records.keep(self._saved().object_ids())
         return self.identities.records
 
-    def _saved(self) -> SavedMemory:
-        """The memory as it is now.
-
-        Raises:
-          SourceError: If there is nothing to remember yet.
-        """
+    def _saved(self) -> memory_file.SavedMemory:
+        """The memory as it is now. Raises SourceError if there is nothing to remember yet."""
         if self.state is None:
             raise SourceError("there is no memory before the first frame; 'load' a file for one")
         announced = self.identities.announcements
         if self._memory.at_rest is not None:
             self._memory.at_rest.drop_present(self.state)
-        return SavedMemory(
+        return memory_file.SavedMemory(
             state=self.state,
             static=self.static,
             class_names=tuple(self.preparer.class_ids),

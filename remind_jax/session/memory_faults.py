@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from remind_jax.decision import Decisions, Outcome, Reason, Status
+from remind_jax.decision import CODES, Decisions
 from remind_jax.errors import ConfigError
 from remind_jax.files.limits import MAX_LABEL
 from remind_jax.method import Method, named_leaves
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements
-
-_CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
 
 
 def check_first(state: Any, method: Method) -> None:
@@ -42,24 +40,14 @@ def check_first(state: Any, method: Method) -> None:
         )
 
 
-def find_fault(
-    state: Any,
-    method: Method,
-    class_names: tuple[str, ...],
-    announced: Announcements | None,
-    first_id: int,
-) -> str | None:
-    """What is wrong first, as a phrase; None if nothing is."""
-    return next(_find_faults(state, method, class_names, announced, first_id), None)
-
-
-def _find_faults(
+def find_faults(
     state: Any,
     method: Method,
     class_names: tuple[str, ...],
     announced: Announcements | None,
     first_id: int,
 ) -> Iterator[str]:
+    """What is wrong, as phrases."""
     for name, leaf in named_leaves(state):
         yield from not_finite(name, leaf)
     yield from outside("frame", state.frame, 0)
@@ -85,7 +73,7 @@ def _find_faults(
 
 def _of_decisions(decisions: Decisions, next_id: int) -> Iterator[str]:
     """Of the last frame; they are shown, and ids among them."""
-    for name, kind in _CODES.items():
+    for name, kind in CODES.items():
         codes = [int(code) for code in kind]
         yield from outside(f"decisions.{name}", getattr(decisions, name), min(codes), max(codes))
     for name in ("object_id", "candidate_id", "option_id"):

@@ -25,7 +25,7 @@ from remind_jax.session import filed_records
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
 from remind_jax.session.earlier_memory import as_now
 from remind_jax.session.filed_records import FiledRecords
-from remind_jax.session.memory_faults import find_fault
+from remind_jax.session.memory_faults import find_faults
 from remind_jax.session.memory_parts import (
     FORMAT,
     FORMAT_OF_CHANGES,
@@ -84,11 +84,7 @@ class MemoryFile:
     """
 
     def __init__(self, path: Path, *, is_read: bool = False) -> None:
-        """Touches nothing yet.
-
-        Args:
-          is_read: The memory to be written comes from it.
-        """
+        """`is_read`: the memory to be written comes from it."""
         self.path = path
         self._written: _Written | None = None
         # Nobody else wrote it while this is the same; None where that does not matter.
@@ -134,14 +130,7 @@ def _identity(path: Path) -> tuple[int, int, int] | None:
 
 
 def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> str:
-    """Writes a memory file; an existing one is replaced only by a complete one.
-
-    Args:
-      durably: Return only when it is on the disk, so that it outlives a power cut.
-
-    Returns:
-      Its checksum.
-    """
+    """Writes a memory file, as `files.replacing`; gives its checksum."""
     leaves, header = _describe(memory)
     path = files.as_path(path, "the memory file", OutputError)
     with files.replacing(path, SafetensorError, durably=durably) as partial:
@@ -166,16 +155,20 @@ def _describe(
         "class_names": json.dumps(memory.class_names),
         "backbone": memory.backbone,
         "tracker": memory.tracker,
-        "records": msgspec.json.encode(records).decode(),
+        "records": _to_text(records),
     }
     if memory.fingerprint:
         header["fingerprint"] = memory.fingerprint
     if before is not None:
         header["after"] = before.sha256
     if memory.announced is not None:
-        header["announced"] = json.dumps(memory.announced.among(memory.known_ids()).to_json())
+        header["announced"] = _to_text(memory.announced.among(memory.known_ids()).filed())
     header["sha256"] = checksum_of(header, leaves)
     return leaves, header
+
+
+def _to_text(record: msgspec.Struct) -> str:
+    return msgspec.json.encode(record).decode()
 
 
 def load_memory(path: str | Path) -> SavedMemory:
@@ -202,8 +195,7 @@ def load_memory(path: str | Path) -> SavedMemory:
     tensors = as_now(tensors, metadata["schema"], method, static, leaves)
     _check_tensors(tensors, leaves, path)
     state = jax.tree.unflatten(jax.tree.structure(expected), [tensors[name] for name in leaves])
-    fault = find_fault(state, method, names, announced, static.first_object_id)
-    if fault is not None:
+    for fault in find_faults(state, method, names, announced, static.first_object_id):
         raise OutputError(f"'{path}' is damaged: {fault}; {RESTORE}")
     try:
         records = filed_records.from_file(
@@ -268,11 +260,7 @@ def _read_at_rest(
 
 
 def check_precision(static: Static, said: str, refused: type[RemindError]) -> None:
-    """Refuses numbers of 64 bits where JAX computes in 32.
-
-    Args:
-      said: Who wants them, with a verb.
-    """
+    """Refuses numbers of 64 bits, which `said` tells who wants, where JAX computes in 32."""
     if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
         raise refused(
             f"{said} static.precision 'float64', which needs 64-bit JAX; set the environment "

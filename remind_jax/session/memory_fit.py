@@ -19,11 +19,7 @@ _BOUND = ("first_object_id", "precision")  # a memory has them from its start
 
 
 def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
-    """Refuses the memory of another tracker.
-
-    Raises:
-      RemindError: If the trackers differ.
-    """
+    """Refuses the memory of another tracker. Raises RemindError if the trackers differ."""
     if memory.tracker != tracker:
         raise RemindError(
             f"{path} is the memory of tracker '{memory.tracker}', not '{tracker}'; go on with "

@@ -75,9 +75,7 @@ def best_of(pictures: Iterable[Picture]) -> tuple[Picture, ...]:
 def fit_into(budget: int, pictures: Sequence[Sequence[Picture]]) -> list[tuple[Picture, ...]]:
     """As many pictures as a number of bytes allows: first the best of each object, then the next.
 
-    Args:
-      budget: Bytes of all together.
-      pictures: Of each object, best first; the first object comes first.
+    Those of each object are given best first; the first object comes first.
     """
     kept: list[list[Picture]] = [[] for _ in pictures]
     for place in range(MAX_PICTURES):

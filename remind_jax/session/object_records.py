@@ -98,7 +98,6 @@ class ObjectRecords:
     """
 
     def __init__(self, session: int = 1, records: Mapping[int, ObjectRecord] | None = None) -> None:
-        """Starts in a session, the first one without objects if nothing is said."""
         self.session = session
         self.given: Mapping[int, str] = {}
         self.merges: Mapping[int, int] = {}
@@ -122,12 +121,7 @@ class ObjectRecords:
         return shown
 
     def note(self, tracks: Tracks, image: UInt8[np.ndarray, "H W 3"] | None) -> None:
-        """Takes the answers about a frame, as announced.
-
-        Args:
-          tracks: Before `answer`.
-          image: RGB; None if there is none to take pictures from.
-        """
+        """Takes the answers about a frame, as announced, and pictures where there is an image."""
         now = Sight(self.session, tracks.frame_index)
         for row in firm_rows(self.answer(tracks)).tolist():
             object_id = int(tracks.object_id[row])
@@ -152,10 +146,8 @@ class ObjectRecords:
     def recount(self, run: Iterable[Tracks]) -> None:
         """Counts the frames of this session anew: later ones changed what was answered.
 
-        New objects that nothing is of any more are none.
-
-        Args:
-          run: All frames of the session, as announced in the end.
+        New objects that nothing is of any more are none. `run` are all frames of the session, as
+        announced in the end.
         """
         seen: dict[int, list[int]] = {}
         labels: dict[int, str] = {}
@@ -232,11 +224,7 @@ class ObjectRecords:
         return (object_id, *sorted(others))
 
     def check_known(self, object_id: Any) -> int:
-        """The id of an object that there is.
-
-        Raises:
-          SourceError: If there is none.
-        """
+        """The id of an object that there is. Raises SourceError if there is none."""
         is_number = isinstance(object_id, (int, np.integer)) and not isinstance(object_id, bool)
         if is_number and int(object_id) in self.merges:
             raise SourceError(
@@ -293,11 +281,8 @@ class ObjectRecords:
     def take_in(self, other: ObjectRecords, number_of: Mapping[int, int]) -> None:
         """Adds the objects of other records, whose sessions follow these.
 
-        A name that an object has here is not given to another one.
-
-        Args:
-          other: Their records.
-          number_of: Ids that are free here of the objects that come, by their ids there.
+        A name that an object has here is not given to another one. `number_of` are free ids here
+        of the objects that come, by their ids there.
         """
         came = [record for one, record in other._records.items() if one in number_of]
         sessions = sorted({sight.session for one in came for sight in (one.first, one.last)})

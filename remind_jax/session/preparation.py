@@ -50,11 +50,7 @@ class FramePreparer:
     """
 
     def __init__(self, method: Method, patch_px: int, with_closeups: bool = False) -> None:
-        """Nothing was prepared yet.
-
-        Args:
-          patch_px: Side of a patch of frames that bring no features of their own.
-        """
+        """`patch_px` is the side of a patch of frames that bring no features of their own."""
         self._method, self._patch_px, self._with_closeups = method, patch_px, with_closeups
         self.class_ids: dict[str, int] = {}
         self.labels: dict[str, None] = {}

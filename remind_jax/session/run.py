@@ -13,23 +13,14 @@ from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
 from remind_jax.detectors import Detector, DetectorOptions, as_detector
-from remind_jax.errors import (
-    OptionError,
-    OutputError,
-    SourceError,
-)
+from remind_jax.errors import OptionError, OutputError, SourceError
 from remind_jax.files import as_path
 from remind_jax.live_page.server import LivePage, parse_where
 from remind_jax.live_page.view import LiveView
 from remind_jax.outputs.frame_record import FrameRecord
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.store import DETECTIONS_NAME
-from remind_jax.outputs.writer import (
-    CHECKPOINT_NAME,
-    MEMORY_NAME,
-    ViewerRecord,
-    check_folder,
-)
+from remind_jax.outputs.writer import CHECKPOINT_NAME, MEMORY_NAME, ViewerRecord, check_folder
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.checkpoint import Checkpoints
 from remind_jax.session.delay import choose_delay
@@ -231,8 +222,7 @@ def _check_source(
 ) -> None:
     """Refuses live sources that nobody finds anything in, or that a run would go on with.
 
-    Args:
-      resumed: Folder of the run that is gone on with, if one is.
+    That run is in the folder `resumed`.
     """
     if isinstance(frames, SampledSource):
         frames.most_detections = tracking.most_detections

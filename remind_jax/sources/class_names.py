@@ -86,10 +86,7 @@ class Metadata:
 
 
 def find_metadata(folder: Path, candidates: Sequence[str], sequence: str) -> Metadata:
-    """Reads the first candidate that speaks of instances or frames.
-
-    Args:
-      candidates: Paths below the folder.
+    """Reads the first candidate below a folder that speaks of instances or frames.
 
     Raises:
       SourceError: If that file is damaged.

@@ -21,17 +21,7 @@ from remind_jax.crops import require_room
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_MASK_PIXELS
 from remind_jax.files.records import Count, Text, decode_rows
-from remind_jax.formats.coco import (
-    DataSet,
-    Detection,
-    ImageRecord,
-    Segmentation,
-    VideoRecord,
-    name_categories,
-    read_data_set,
-    say_bad,
-    to_rle,
-)
+from remind_jax.formats import coco
 from remind_jax.frame import NO_INSTANCE, Detections, fill_boxes
 from remind_jax.masks.run_length import decode_mask
 from remind_jax.sources.class_names import UNNAMED_CLASS
@@ -53,7 +43,7 @@ class _Position:
 
 _Place = int | str | _Position  # a frame by its number, its file name or its place
 # What the file says of a place: a detection, why it is none, or that the frame is there.
-_Said = tuple[_Place, Detection | str | None]
+_Said = tuple[_Place, coco.Detection | str | None]
 
 
 class _FrameRow(msgspec.Struct, frozen=True):
@@ -71,17 +61,13 @@ class CocoMasks:
     """
 
     def __init__(
-        self,
-        data: bytes,
-        file: str,
-        reader: Reader,
-        categories: Mapping[int, str] | None = None,
+        self, data: bytes, file: str, reader: Reader, categories: Mapping[int, str] | None = None
     ) -> None:
         self._file, self._num_rows = file, 0
         self._bad: dict[Any, str] = {}  # what is wrong, by row; sources are iterated several times
-        content = read_data_set(data, file)
-        self._categories = name_categories(content.categories, file) or dict(categories or {})
-        by_place: dict[_Place, list[Detection]] = {}
+        content = coco.read_data_set(data, file)
+        self._categories = coco.name_categories(content.categories, file) or dict(categories or {})
+        by_place: dict[_Place, list[coco.Detection]] = {}
         self._size_of: dict[_Place, tuple[int, int]] = {}  # height, width, where the file tells
         # All rows of a file are of one form.
         raws = decode_rows(content.annotations, dict[str, msgspec.Raw], "")
@@ -157,10 +143,10 @@ class CocoMasks:
             [NO_INSTANCE if row.instance_id is None else row.instance_id for row in kept],
         )
 
-    def _rows_of_annotations(self, content: DataSet) -> Iterator[_Said]:
+    def _rows_of_annotations(self, content: coco.DataSet) -> Iterator[_Said]:
         images = {image.id: image for image in content.images}
         videos = {video.id: video for video in content.videos}
-        for found in decode_rows(content.annotations, Detection, f"'{self._file}'"):
+        for found in decode_rows(content.annotations, coco.Detection, f"'{self._file}'"):
             row = found.record
             if row is None:
                 yield "", str(found.error)
@@ -178,14 +164,16 @@ class CocoMasks:
                 self._note_size(place, image)
                 yield place, row
 
-    def _note_size(self, place: _Place, picture: ImageRecord | VideoRecord | None) -> None:
+    def _note_size(
+        self, place: _Place, picture: coco.ImageRecord | coco.VideoRecord | None
+    ) -> None:
         given = () if picture is None else (picture.height, picture.width)
         with contextlib.suppress(ValueError, OverflowError):  # not known
             height, width = (int(float(side or 0)) for side in given)
             if min(height, width) > 0:
                 self._size_of[place] = height, width
 
-    def _rows_of_frames(self, content: DataSet) -> Iterator[_Said]:
+    def _rows_of_frames(self, content: coco.DataSet) -> Iterator[_Said]:
         places = set()
         for found in decode_rows(content.annotations, _FrameRow, f"'{self._file}'"):
             if (frame := found.record) is None:
@@ -198,10 +186,10 @@ class CocoMasks:
             places.add(place)
             yield place, None
             where = f"'{self._file}', row {found.number}, `detections`"
-            for row in decode_rows(frame.detections, Detection, where):
+            for row in decode_rows(frame.detections, coco.Detection, where):
                 yield place, str(row.error) if row.record is None else row.record
 
-    def _label(self, row: Detection) -> str:
+    def _label(self, row: coco.Detection) -> str:
         if row.label is None and row.category_id is not None:
             return self._categories.get(row.category_id, str(row.category_id))
         return row.label or UNNAMED_CLASS
@@ -228,10 +216,10 @@ class CocoMasks:
 
 
 def _rows_of_track(
-    track: Detection, names: tuple[str, ...] | None, where: str
-) -> Iterator[tuple[_Place, Detection | str]]:
+    track: coco.Detection, names: tuple[str, ...] | None, where: str
+) -> Iterator[tuple[_Place, coco.Detection | str]]:
     """A row of each frame that has a mask."""
-    kind: Any = Segmentation | None
+    kind: Any = coco.Segmentation | None
     for index, code in enumerate(decode_rows(track.segmentations or (), kind, where)):
         if code.error is not None:
             yield "", str(code.error)
@@ -243,14 +231,14 @@ def _rows_of_track(
             yield place, replace(track, segmentations=None, bboxes=None, bbox=None, **changes)
 
 
-def _say_bad_row(row: Detection) -> str:
+def _say_bad_row(row: coco.Detection) -> str:
     if row.segmentation:
-        return say_bad(row.segmentation)
+        return coco.say_bad(row.segmentation)
     return "" if row.bbox is not None else "it has neither `segmentation` nor `bbox`"
 
 
 def _mask_of(
-    row: Detection, size: tuple[int, int], frame_size: tuple[int, int]
+    row: coco.Detection, size: tuple[int, int], frame_size: tuple[int, int]
 ) -> Bool[np.ndarray, "H W"]:
     """The mask in the frame; `size` is that of the picture that boxes and polygons are of."""
     is_shape = not row.segmentation or isinstance(row.segmentation, list)
@@ -264,7 +252,7 @@ def _mask_of(
         left, top, width, height = row.bbox
         mask = fill_boxes(np.array([[left, top, left + width, top + height]]), size)[0]
     else:
-        mask = decode_mask(to_rle(row.segmentation, size))
+        mask = decode_mask(coco.to_rle(row.segmentation, size))
     return fit_plane(mask, frame_size, "a mask").view(bool)
 
 

@@ -11,13 +11,7 @@ from pathlib import Path
 from remind_jax.errors import SourceError
 from remind_jax.formats.pictures import IMAGE_SUFFIXES, TIMES_NAME, decode_image
 from remind_jax.frame import UNTIMED_FPS, SkippedFrame
-from remind_jax.sources.file_tree import (
-    files_in,
-    last_number,
-    natural_key,
-    read_of_frame,
-    require_inside,
-)
+from remind_jax.sources import file_tree
 from remind_jax.sources.sampling import MAX_TIME_S, mean_rate
 from remind_jax.sources.source import Content, Entry, Report
 
@@ -38,11 +32,7 @@ class ImageReader:
     kind = "images"
 
     def __init__(
-        self,
-        folder: Path,
-        name: str,
-        fps: float | None,
-        file_names: Sequence[str] | None = None,
+        self, folder: Path, name: str, fps: float | None, file_names: Sequence[str] | None = None
     ) -> None:
         self._others: list[str] = []
         if file_names is None:
@@ -50,7 +40,7 @@ class ImageReader:
             self._others = _list_by_kind(folder, OTHER_SUFFIXES)
         else:
             for file_name in file_names:
-                require_inside(file_name, f"'{folder}'")
+                file_tree.require_inside(file_name, f"'{folder}'")
             missing = [f for f in file_names if not os.path.isfile(folder / f)]
             if missing:
                 raise SourceError(
@@ -86,10 +76,10 @@ def _read_times(folder: Path, file_names: Sequence[str]) -> list[float] | None:
     if not os.path.isfile(path):
         return None
     all_kinds = _list_by_kind(folder, (*IMAGE_SUFFIXES, *OTHER_SUFFIXES))
-    names = sorted(dict.fromkeys([*all_kinds, *file_names]), key=natural_key)
-    lines = read_of_frame(path).decode("ascii", "replace").rstrip().splitlines()
+    names = sorted(dict.fromkeys([*all_kinds, *file_names]), key=file_tree.natural_key)
+    lines = file_tree.read_of_frame(path).decode("ascii", "replace").rstrip().splitlines()
     # Of a recording that was cut off, the last picture may lack.
-    may_lack = [last_number(name) for name in names] == [*range(len(names))]
+    may_lack = [file_tree.last_number(name) for name in names] == [*range(len(names))]
     if len(lines) - len(names) not in (0, int(may_lack)):
         raise SourceError(
             f"'{path}' has {len(lines)} lines, its folder {len(names)} pictures; give one line "
@@ -118,8 +108,8 @@ def list_images(folder: Path) -> list[str]:
 
 
 def _list_by_kind(folder: Path, suffixes: tuple[str, ...]) -> list[str]:
-    return [n for n in files_in(folder) if Path(n).suffix.lower() in suffixes]
+    return [n for n in file_tree.files_in(folder) if Path(n).suffix.lower() in suffixes]
 
 
 def _read(path: Path) -> Content:
-    return Content(decode_image(read_of_frame(path)))
+    return Content(decode_image(file_tree.read_of_frame(path)))

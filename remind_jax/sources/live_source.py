@@ -21,13 +21,7 @@ from remind_jax.sources.address import read_address
 from remind_jax.sources.capture import Capture, open_capture
 from remind_jax.sources.feed import Arrival, Feed, State
 from remind_jax.sources.sampling import Sampling
-from remind_jax.sources.source import (
-    Content,
-    Entry,
-    Report,
-    SampledSource,
-    UnreadableFrame,
-)
+from remind_jax.sources.source import Content, Entry, Report, SampledSource, UnreadableFrame
 
 RECONNECT_S = 30.0
 _MAX_SECONDS = 1e9
@@ -201,11 +195,7 @@ class LiveSource(SampledSource):
 
 
 def open_live(
-    spec: Any,
-    masks: Any,
-    name: str | None,
-    sampling: Sampling,
-    options: LiveOptions,
+    spec: Any, masks: Any, name: str | None, sampling: Sampling, options: LiveOptions
 ) -> LiveSource | None:
     """Opens a camera or a stream; None if it is another source. Arguments as in `open_source`.
 

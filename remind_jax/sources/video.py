@@ -35,11 +35,7 @@ ESTIMATE_SLACK = 0.02  # share by which a frame count taken from the duration ma
 
 
 class VideoReader:
-    """One video file.
-
-    Raises:
-      SourceError: If it is no video, or no frame of it can be decoded.
-    """
+    """One video file. Raises SourceError if it is no video, or no frame of it can be decoded."""
 
     kind = "video"
 
@@ -183,10 +179,8 @@ def _count_frames(
 def read_picture(frame: av.VideoFrame, to_rgb: av.video.reformatter.VideoReformatter) -> Content:
     """A decoded picture in RGB, turned upright as the container says (telephones film sideways).
 
-    Args:
-      frame: As it was decoded.
-      to_rgb: The reader's own. That which PyAV shares between readers has threads, which a process
-        that is forked lacks: it would wait for them for ever.
+    `to_rgb` is the reader's own: that which PyAV shares between readers has threads, which a
+    process that is forked lacks; it would wait for them for ever.
 
     Raises:
       UnreadableFrame: If it is damaged.

@@ -73,13 +73,8 @@ def plan_batch(
 ) -> tuple[int, int]:
     """How many settings make a batch within a budget, and the bytes that it takes per device.
 
-    Args:
-      frames: A described scene.
-      config: The method, and what a setting does not name.
-      static: Capacities.
-      wanted: Settings, a multiple of the number of devices; fewer if the compiled program needs
-        more than the budget, but at least one per device.
-      budget_bytes: Of each device.
+    They are those wanted, a multiple of the number of devices, which has the budget each; fewer if
+    the compiled program needs more, but at least one per device.
     """
     devices = jax.local_device_count()
     method = get_method(config.tracker)
@@ -136,9 +131,6 @@ def run_batch(
 
     Args:
       frames: A whole scene, described.
-      config: The method, and what a setting does not name.
-      settings: Settings of one batch.
-      static: Capacities to start with.
       batch: Settings of a full batch, whose program serves; as many as there are if left out.
       budget_bytes: Of each device; as much as it takes if left out.
 
@@ -189,12 +181,8 @@ def _follow(
 ) -> tuple[Answers | None, dict[str, int]]:
     """The answers of the settings of one program, or the slots that a frame lacks.
 
-    Args:
-      method: Of all.
-      static: Capacities.
-      thresholds: Of the settings, stacked and on their devices.
-      frames: All frames, a multiple of `FRAMES_AT_ONCE`.
-      stopped: Nothing is of use any more.
+    Thresholds of the settings are stacked and on their devices, frames a multiple of
+    `FRAMES_AT_ONCE`; nothing is of use any more once `stopped` is set.
     """
     num = len(jax.tree.leaves(thresholds)[0])
     program = compile_follow(method, static, num, thresholds, next(_parts(frames)))
@@ -246,10 +234,7 @@ def score_batch(
         num_objects *= GROWTH_STEP
     while True:
         scores = compiled_score(
-            widen(truth.object_index),
-            filled,
-            num_objects=num_objects,
-            num_labels=num_labels,
+            widen(truth.object_index), filled, num_objects=num_objects, num_labels=num_labels
         )
         if not scores["overflow"].any():
             break

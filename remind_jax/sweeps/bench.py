@@ -25,13 +25,7 @@ from remind_jax.sweeps.cluster import Cluster
 from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.result import SweepResult
 from remind_jax.sweeps.scene_arrays import SceneFrames, load_scene
-from remind_jax.sweeps.settings import (
-    Setting,
-    Value,
-    as_settings,
-    complete,
-    complete_space,
-)
+from remind_jax.sweeps.settings import Setting, Value, as_settings, complete, complete_space
 from remind_jax.sweeps.worker import Progress, Worker, group_by_description
 
 DEFAULT_BUDGET_GIB = 2.0
@@ -123,20 +117,20 @@ class SceneBench:
         """
         chosen = complete(settings, self._config)
         self._sharpen(chosen)
-        tally = _Tally(len(chosen) * len(self._sources), self._progress)
+        self._num_done, self._num_rows = 0, len(chosen) * len(self._sources)
         keys: list[list[str]] = []
         finished = False
         with self._records.locked():
             try:
                 for name in self._sources:
-                    keys.append(self._start(name, chosen, tally))
+                    keys.append(self._start(name, chosen))
                 self._crew.finish()
                 finished = True
             except KeyboardInterrupt:
                 self._crew.stop()
         return self._collect(chosen, keys, finished)
 
-    def _start(self, name: str, settings: Sequence[Setting], tally: _Tally) -> list[str]:
+    def _start(self, name: str, settings: Sequence[Setting]) -> list[str]:
         """Has the missing rows of a scene made; the keys of all of them."""
         scene = self._load(name)
         origin = {
@@ -148,7 +142,7 @@ class SceneBench:
         }
         keys = [row_key(name, setting, origin) for setting in settings]
         missing = {key: i for i, key in enumerate(keys) if key not in self._records}
-        tally.add(name, sum(key in self._records for key in keys))
+        self._tell(name, sum(key in self._records for key in keys))
         indices = list(missing.values())
         groups = group_by_description([settings[i] for i in indices], self._sweeping.described_by)
 
@@ -157,12 +151,18 @@ class SceneBench:
                 Row(keys[i], name, settings[i], row) for i, row in zip(rows, scores, strict=True)
             ]
             self._records.add(found)
-            tally.add(name, sum(keys.count(row.key) for row in found))
+            self._tell(name, sum(keys.count(row.key) for row in found))
 
         if indices:
             jobs = [{indices[i]: settings[indices[i]] for i in group} for group in groups]
             self._crew.start(scene, jobs, keep)
         return keys
+
+    def _tell(self, scene: str, num_rows: int) -> None:
+        """Counts rows that are done, and reports them."""
+        self._num_done += num_rows
+        if self._progress is not None and num_rows:
+            self._progress(Progress(scene, self._num_done, self._num_rows))
 
     def _collect(
         self, settings: list[Setting], keys: list[list[str]], finished: bool
@@ -302,18 +302,6 @@ def _text_around(function: Any) -> str:
                 return uuid.uuid4().hex
         function = getattr(function, "__wrapped__", getattr(function, "func", None))
     return "".join(texts) or uuid.uuid4().hex
-
-
-class _Tally:
-    """Counts rows and reports them."""
-
-    def __init__(self, num_rows: int, progress: Callable[[Progress], None] | None) -> None:
-        self._num_rows, self._num_done, self._progress = num_rows, 0, progress
-
-    def add(self, scene: str, num_rows: int) -> None:
-        self._num_done += num_rows
-        if self._progress is not None and num_rows:
-            self._progress(Progress(scene, self._num_done, self._num_rows))
 
 
 def _as_list(scenes: Any) -> list[Any]:

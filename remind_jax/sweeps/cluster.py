@@ -6,7 +6,6 @@ come back, so that a task that has to be done again leaves no row twice.
 
 from __future__ import annotations
 
-import functools
 import socket
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,6 +19,8 @@ from remind_jax.sweeps.worker import Keep, Worker
 SETTINGS_PER_TASK = 32
 _ANSWERS_WITHIN_S = 10.0  # a machine that is there
 _RETRIES = 5  # of a task whose process or machine died
+WorkerOptions = tuple[Config, float, int | None, int]  # as `worker.Worker` takes them
+_kept: dict[str, Worker] = {}  # the last one of this process
 # A task has one core. XLA would split each step between as many threads as the machine has cores.
 _ONE_THREAD = {"PJRT_NPROC": "1"}
 
@@ -39,23 +40,17 @@ class Cluster:
         """Joins a cluster, or starts one on this machine.
 
         Args:
-          config: Capacities and the method; what a setting does not name comes with the scene.
-          memory_gib: Memory that the program of each worker may take, on each device.
           batch: Settings side by side in a worker, and settings per task.
           workers: Tasks at the same time; as many as the cluster has CPUs (GPUs) if left out.
           address: Of a running Ray cluster; one is started on this machine if left out.
-          delay: Frames that answers wait.
 
         Raises:
           SweepError: If Ray is missing, or the cluster cannot be reached.
         """
         self.batch, self.program_bytes = 0, 0
-        if workers is not None and workers < 1:
-            raise SweepError(f"{workers} workers cannot work; give at least 1")
         self._ray = _join(address, workers)
         self._most, self._batch = workers, batch
-        self._config, self._memory_gib = self._ray.put(config), memory_gib
-        self._delay = delay
+        self._options = self._ray.put((config, memory_gib, batch, delay))
         self._waiting: list[tuple[Any, dict[int, Setting], Keep]] = []
         self._running: dict[Any, tuple[list[int], Keep]] = {}
         has_gpus = self._ray.cluster_resources().get("GPU", 0) > 0
@@ -67,13 +62,7 @@ class Cluster:
         )(run_task)
 
     def start(self, scene: SceneFrames, jobs: Sequence[Mapping[int, Setting]], keep: Keep) -> None:
-        """Hands settings to the cluster; their rows come with `finish`.
-
-        Args:
-          scene: What they are shown.
-          jobs: Settings of same descriptors by number.
-          keep: Called with numbers and scores of every batch.
-        """
+        """Hands settings to the cluster; their rows come with `finish`."""
         shown = self._ray.put(scene)
         size = self._batch or SETTINGS_PER_TASK
         for job in jobs:
@@ -114,49 +103,28 @@ class Cluster:
     def _submit(self) -> None:
         while self._waiting and (self._most is None or len(self._running) < self._most):
             shown, part, keep = self._waiting.pop(0)
-            task = self._task.remote(
-                shown, list(part.values()), self._config, self._memory_gib, self._batch, self._delay
-            )
+            task = self._task.remote(shown, list(part.values()), self._options)
             self._running[task] = list(part), keep
 
 
 def run_task(
-    scene: SceneFrames,
-    settings: list[Setting],
-    config: Config,
-    memory_gib: float,
-    batch: int | None,
-    delay: int,
+    scene: SceneFrames, settings: list[Setting], options: WorkerOptions
 ) -> tuple[list[dict[str, float]], int, int]:
     """Scores of some settings, the batch size and the bytes of the program; runs in a worker."""
-    worker = _worker(config, memory_gib, batch, delay)
+    worker = _worker(options)
     scores: list[dict[str, float]] = []
     jobs = [dict(enumerate(settings))]
     worker.start(scene, jobs, lambda numbers, rows: scores.extend(rows))
     return scores, worker.batch, worker.program_bytes
 
 
-def _worker(config: Config, memory_gib: float, batch: int | None, delay: int) -> Worker:
-    return _worker_of(_Same(config), memory_gib, batch, delay)
-
-
-class _Same:
-    """A configuration that equals another one with the same values."""
-
-    def __init__(self, config: Config) -> None:
-        self.config, self._text = config, repr(config)
-
-    def __hash__(self) -> int:
-        return hash(self._text)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self._text == other._text
-
-
-@functools.lru_cache(maxsize=1)
-def _worker_of(same: _Same, memory_gib: float, batch: int | None, delay: int) -> Worker:
+def _worker(options: WorkerOptions) -> Worker:
     """Ray keeps processes: what one task compiled and described serves the next."""
-    return Worker(same.config, memory_gib, batch, delay)
+    known = repr(options)
+    if known not in _kept:
+        _kept.clear()
+        _kept[known] = Worker(*options)
+    return _kept[known]
 
 
 def _join(address: str | None, workers: int | None) -> Any:

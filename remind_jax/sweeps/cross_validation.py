@@ -10,13 +10,7 @@ import numpy as np
 
 from remind_jax.errors import SweepError
 from remind_jax.printing.small_table import Printable, SmallTable
-from remind_jax.sweeps.result import (
-    SweepResult,
-    markdown_table,
-    mean_known,
-    show_setting,
-    sign_of,
-)
+from remind_jax.sweeps.result import SweepResult, markdown_table, mean_known, show_setting, sign_of
 from remind_jax.sweeps.search import GIVEN
 from remind_jax.sweeps.settings import Setting
 

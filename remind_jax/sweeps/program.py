@@ -68,14 +68,9 @@ def goes_in_turn(method: Method) -> bool:
 def follow(
     states: Any, thresholds: Any, frames: Any, *, method: Method, static: Static
 ) -> tuple[Any, Answers]:
-    """Takes the memories of all settings through some frames.
+    """Takes the memories of all settings through some described frames.
 
-    Args:
-      states: One memory per setting.
-      thresholds: Thresholds of all settings, each `[S]`.
-      frames: Described frames, leading axis `T`.
-      method: The method, whose `decide` is taken.
-      static: Capacities of the memories.
+    Memories and thresholds have a leading axis `S`, frames one of `T`.
     """
 
     def advance(state: Any, t: Any, frame: Any) -> tuple[Any, Answers]:
@@ -105,21 +100,11 @@ def follow(
 
 
 def score(
-    object_index: Int[Array, "T N"],
-    answers: Answers,
-    *,
-    num_objects: int,
-    num_labels: int,
+    object_index: Int[Array, "T N"], answers: Answers, *, num_objects: int, num_labels: int
 ) -> dict[str, Array]:
     """Scores of every setting, each `[S]`, by the rules of `metrics`, undecided ones strictly.
 
     `overflow` beside them says whether a setting made more ids than there are labels.
-
-    Args:
-      object_index: True object of each detection.
-      answers: What the settings said.
-      num_objects: True objects.
-      num_labels: Different ids at most.
     """
     is_firm = (answers.outcome == Outcome.MATCH) | (answers.outcome == Outcome.NEW)
     firm = jnp.where(is_firm, answers.object_id, NO_ID)
@@ -224,12 +209,7 @@ def _compile(
     return Program(compiled, count_bytes(compiled))
 
 
-def _compile_kept(
-    run: functools.partial,
-    states: Any,
-    shapes: Shapes,
-    structure: Any,
-) -> Program:
+def _compile_kept(run: functools.partial, states: Any, shapes: Shapes, structure: Any) -> Program:
     """The program of one device, kept for other processes if the method is of this package."""
     method, static = run.keywords["method"], run.keywords["static"]
     state_leaves, state_structure = jax.tree.flatten(states)
@@ -262,11 +242,7 @@ def _compile_kept(
 
 
 def compiled_score(
-    object_index: Int[np.ndarray, "T N"],
-    answers: Answers,
-    *,
-    num_objects: int,
-    num_labels: int,
+    object_index: Int[np.ndarray, "T N"], answers: Answers, *, num_objects: int, num_labels: int
 ) -> dict[str, np.ndarray]:
     """`score`, compiled once per process and kept for others."""
     leaves, structure = jax.tree.flatten((object_index, answers))

@@ -71,7 +71,6 @@ class Records:
     """Rows of a folder, or of this run only if there is none."""
 
     def __init__(self, folder: str | Path | None) -> None:
-        """Reads the rows that are there."""
         self._file = None if folder is None else Path(folder) / FILE_NAME
         self._rows: dict[str, Row] = {}
         self._read()

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from remind_jax.errors import SweepError, nearest_names
 from remind_jax.files import writing
-from remind_jax.files.csv_cells import write_row
+from remind_jax.files.csv_cells import csv_text
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import plural
 from remind_jax.sweeps.records import Row
@@ -125,16 +125,15 @@ class SweepResult(Printable):
         Names of scenes are guarded (`files/csv_cells.py`).
         """
         names = sorted({name for setting in self.settings for name in setting})
-        text = io.StringIO()
-        write_row(text, ["setting", "scene", *names, *self.metrics])
+        lines: list[list[Any]] = [["setting", "scene", *names, *self.metrics]]
         for index, (setting, rows) in enumerate(zip(self.settings, self.rows, strict=True)):
-            for row in rows:
-                values = [setting.get(name, "") for name in names]
-                write_row(text, [index, row.scene, *values, *row.scores.values()])
+            values = [setting.get(name, "") for name in names]
+            lines += ([index, row.scene, *values, *row.scores.values()] for row in rows)
+        text = csv_text(lines)
         if path is not None:
             with writing(Path(path)):
-                Path(path).write_text(text.getvalue(), encoding="utf-8")
-        return text.getvalue()
+                Path(path).write_text(text, encoding="utf-8")
+        return text
 
     def to_markdown(self, standings: Sequence[Standing] | None = None) -> str:
         """Settings and mean scores as a Markdown table; all of them if none are given."""

@@ -129,8 +129,6 @@ def load_scene(
     """Reads a scene and its features.
 
     Args:
-      source: Frames with masks of known objects.
-      config: What a setting does not name.
       backbone: What features come from where the source brings none; one that caches them does so
         once. Its profile is followed then.
       reduced_with: Thresholds that masks are reduced with instead of those of `config`, by name.
@@ -266,15 +264,9 @@ def _truth(instances: list[np.ndarray], found: list[int]) -> Truth:
 
 
 def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:
-    """Describes every detection of a scene, frame by frame.
+    """Every detection of a scene described: frames for `Method.decide`, leading axis `T`.
 
-    Args:
-      scene: What is to be described.
-      static: Capacities; `num_detections` fits the scene.
-      config: The method and its thresholds, of which those of `Sweeping.described_by` matter.
-
-    Returns:
-      Frames ready for `Method.decide`, leading axis `T`.
+    Of the thresholds of `config` those of `Sweeping.described_by` matter.
     """
     method = get_method(config.tracker)
     thresholds = stack(config.thresholds, [{}], static.scalar)
@@ -291,11 +283,6 @@ def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _describe(
-    method: Method,
-    static: Static,
-    feats: AnyFeats,
-    masks: Masks,
-    observed: Any,
-    thresholds: Any,
+    method: Method, static: Static, feats: AnyFeats, masks: Masks, observed: Any, thresholds: Any
 ) -> Any:
     return method.describe(feats, masks, observed, static=static, thresholds=thresholds)

@@ -39,11 +39,9 @@ def search(
     """Looks for the settings of best mean scores over the scenes.
 
     Args:
-      bench: What settings are tried on.
       space: By threshold, the least and the largest value, or three or more to choose from.
       number: Settings to try.
       at_once: Settings proposed together; a generation of "nsga2".
-      sampler: Who proposes: "tpe" or "nsga2".
       objectives: Scores; several of them are traded against each other (`SweepResult.pareto`).
       seed: Same seed, same settings.
 

@@ -95,10 +95,8 @@ def move_one_at_a_time(
     """Moves each threshold through its range while all others stay.
 
     Args:
-      bench: What settings are tried on.
       space: Ranges or choices; those of `SPACES` for the tracker if left out.
       number: Values per range, ends included.
-      metric: Score that is looked at.
 
     Returns:
       Curves, the widest first, and the rows that they were made of.

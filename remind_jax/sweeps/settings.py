@@ -91,7 +91,6 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
 
     Args:
       space: By name, the least and the largest value, or three or more to choose from.
-      number: Settings.
       seed: Same seed, same settings.
 
     Raises:

@@ -45,10 +45,9 @@ class Worker:
     def __init__(
         self, config: Config, memory_gib: float, batch: int | None = None, delay: int = 0
     ) -> None:
-        """Prepares a worker.
+        """Takes capacities and the method of `config`; all else comes with the scene.
 
         Args:
-          config: Capacities and the method; what a setting does not name comes with the scene.
           memory_gib: Memory that the compiled program may take, on each device.
           batch: Settings side by side; chosen by memory if left out.
           delay: Frames that answers wait.
@@ -62,13 +61,7 @@ class Worker:
         self._described: tuple[tuple, Any] | None = None
 
     def start(self, scene: SceneFrames, jobs: Sequence[Mapping[int, Setting]], keep: Keep) -> None:
-        """Runs settings.
-
-        Args:
-          scene: What they are shown.
-          jobs: Settings by number; those of a job have the same descriptors.
-          keep: Called with numbers and scores of every batch.
-        """
+        """Runs settings, given by number; those of a job have the same descriptors."""
         for job in jobs:
             numbers = list(job)
             frames = self._describe(scene, job[numbers[0]])

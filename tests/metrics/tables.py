@@ -5,7 +5,25 @@ from typing import Any
 
 import numpy as np
 
+from remind_jax.metrics.clear import ClearCounts, split_clear
+from remind_jax.metrics.combine import total_counts
+from remind_jax.metrics.hota import HotaCounts, match_hota, split_hota
+from remind_jax.metrics.identity import IdentityCounts, count_right
 from remind_jax.metrics.sequence import TrackingSequence
+
+
+def count_hota(sequence: TrackingSequence) -> HotaCounts:
+    return total_counts(*split_hota(sequence, match_hota(sequence)))
+
+
+def count_clear(sequence: TrackingSequence) -> ClearCounts:
+    return total_counts(*split_clear(sequence))
+
+
+def count_identity(sequence: TrackingSequence) -> IdentityCounts:
+    right = int(count_right(sequence).sum())
+    wrong = len(sequence.gt) - right, len(sequence.pred) - right
+    return IdentityCounts(*map(np.asarray, (right, *wrong)))
 
 
 def from_frames(

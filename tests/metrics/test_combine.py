@@ -9,8 +9,8 @@ from remind_jax.metrics.combine import (
     stack_counts,
     sum_counts,
 )
-from remind_jax.metrics.identity import IdentityCounts, count_identity, identity_scores
-from tests.metrics.tables import random_sequence
+from remind_jax.metrics.identity import IdentityCounts, identity_scores
+from tests.metrics.tables import count_identity, random_sequence
 
 SEQUENCES = [random_sequence(seed) for seed in range(8)]
 

@@ -2,12 +2,12 @@
 
 import pytest
 
-from remind_jax.metrics.clear import clear_scores, count_clear
+from remind_jax.metrics.clear import clear_scores
 from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
-from remind_jax.metrics.hota import ALPHAS, count_hota, hota_scores
-from remind_jax.metrics.identity import count_identity, identity_scores
+from remind_jax.metrics.hota import ALPHAS, hota_scores
+from remind_jax.metrics.identity import identity_scores
 from tests.metrics.golden import ALL_CASES, ROOT, assert_same_fields, load_case, read_json
-from tests.metrics.tables import from_frames
+from tests.metrics.tables import count_clear, count_hota, count_identity, from_frames
 
 
 @pytest.mark.parametrize(("kind", "name"), ALL_CASES)

@@ -3,12 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from remind_jax.metrics.clear import count_clear
 from remind_jax.metrics.evaluation import evaluate_sequence, scene_intervals, split_by_object
-from remind_jax.metrics.hota import count_hota
-from remind_jax.metrics.identity import count_identity
 from tests.metrics.golden import load_case
-from tests.metrics.tables import random_sequence
+from tests.metrics.tables import count_clear, count_hota, count_identity, random_sequence
 
 
 @pytest.mark.parametrize("seed", range(8))

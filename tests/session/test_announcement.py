@@ -8,6 +8,7 @@ import dataclasses
 import json
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -179,7 +180,7 @@ def test_a_run_in_two_parts_is_the_whole_run(run, after, cut):
     frames = [frame_of(*rows, index=index) for index, rows in enumerate(run)]
     whole, _ = follow(frames, after)
     first, announced = follow(frames[:cut], after)
-    saved = json.dumps(announced.to_json()).encode()
+    saved = msgspec.json.encode(announced.filed())
     restored = decode_json(saved, FiledAnnouncements, "here").restored()
     second, _ = follow(frames[cut:], after, restored)
     assert ids(first + second) == ids(whole)

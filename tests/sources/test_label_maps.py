@@ -98,8 +98,8 @@ def test_void_is_no_instance_unless_there_is_nothing_else(tmp_path, shown):
         making.write_map(tmp_path / f"Annotations/v/{number:05d}.png", there)
     found = [frame.detections.instance_ids.tolist() for frame in open_source(tmp_path)]
     assert found == ([[255]] * 4 if shown == (255,) else [[], [], [1], []])
-    ((_, read),) = open_scenes(tmp_path).read.items()
-    assert read().track_id.tolist() == [i for ids in found for i in ids]
+    scenes = open_scenes(tmp_path)
+    assert scenes.read(*scenes.files).track_id.tolist() == [i for ids in found for i in ids]
 
 
 def test_what_is_lost_at_the_size_of_the_frame_is_no_instance(tmp_path):
@@ -116,5 +116,5 @@ def test_an_instance_255_that_has_a_class_is_one(tmp_path):
     making.write_map(tmp_path / "Annotations/v/00000.png", (1, 255))
     (frame,) = open_source(tmp_path)
     assert frame.detections.labels == ("cup", "box")
-    ((_, read),) = open_scenes(tmp_path).read.items()
-    assert read().track_id.tolist() == [1, 255]
+    scenes = open_scenes(tmp_path)
+    assert scenes.read(*scenes.files).track_id.tolist() == [1, 255]
