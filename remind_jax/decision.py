@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 
-import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.constant_arrays import full, number, zeros
+from remind_jax.numerics.pytree import pytree
 from remind_jax.static import Static
 
 NO_ID = -1
@@ -73,8 +72,7 @@ class Reason(enum.IntEnum):
 CODES = {"outcome": Outcome, "reason": Reason, "status": Status}  # by the field that holds them
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Decisions:
     """The decisions of one frame, whatever the method.
 
@@ -102,8 +100,7 @@ class Decisions:
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Overflow:
     """What did not fit. A frame that overflows changes nothing else in the state."""
 

@@ -18,6 +18,7 @@ import jax
 import numpy as np
 
 from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import AnyFeats, Masks
 from remind_jax.settings.method_names import PAPER_METHOD, find_methods
 from remind_jax.static import NoSwitches, Static
@@ -207,8 +208,7 @@ class Sweeping:
     in_turn_on_cpu: bool = False
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Seen:
     """A frame as it comes: what `decide` is given by a method that describes nothing first."""
 

@@ -14,14 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pytree import pytree
+
 if TYPE_CHECKING:
     AnyArray = Any  # what may be done with it depends on where it comes from
 else:
     AnyArray = jax.Array | np.ndarray  # from the host, or traced
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PatchAttention:
     """How patches of objects attend to each other, averaged over layers and heads.
 
@@ -34,8 +35,7 @@ class PatchAttention:
     block: Float[AnyArray, "Q Q"]  # from row to column
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class FrameFeats:
     """What a backbone says about one frame."""
 
@@ -44,8 +44,7 @@ class FrameFeats:
     attention: PatchAttention | None = None  # only for static.part_source "attention" or "both"
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class CloseupFeats:
     """What a backbone says about each detection in a picture of its own (`masks.closeups`).
 
@@ -62,8 +61,7 @@ class CloseupFeats:
 AnyFeats = FrameFeats | CloseupFeats
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class MaskRelations:
     """What relations need of pixel masks, reduced on the host; padding slots are zero."""
 
@@ -73,8 +71,7 @@ class MaskRelations:
     touches_border: Bool[AnyArray, "N"]  # the mask reaches the edge of the frame
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Masks:
     """What the tracker needs of the pixel masks of one frame, reduced on the host.
 
@@ -118,8 +115,7 @@ def light_changes(frame_feats: AnyFeats) -> Float[AnyArray, "G D"]:
     return np.zeros((0, frame_feats.patches.shape[-1]), np.float32)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class RingPatches:
     """Patches that are typical of the background rings, the most important first.
 
@@ -130,8 +126,7 @@ class RingPatches:
     valid: Bool[Array, "N R M"]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Descriptors:
     """What each detection of a frame looks like (method.md#described-frame).
 

@@ -57,6 +57,7 @@ from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
 from remind_jax.compiled.programs import KeptFunction
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
+from remind_jax.numerics.pytree import pytree
 
 PATCH_PX = 2 * CELL_PX  # cells lie on the image at half resolution
 
@@ -109,8 +110,7 @@ OUTSIDE_WEIGHT = 0.02  # of a patch that the object does not touch, beside one t
 LIGHT_CHANGES = Path(__file__).with_name("light_changes.npy")  # made by benchmarks/light_changes.py
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PixelPlanes:
     """What histograms are made of, pixel by pixel at half resolution."""
 

@@ -26,6 +26,7 @@ from jaxtyping import Array, Float, Int
 from remind_jax.backbone.vit_attention import Method, ObjectAttention, attend, attention_among
 from remind_jax.backbone.vit_positions import resample_table, rotary_tables, rotate
 from remind_jax.backbone.vit_variants import Variant
+from remind_jax.numerics.pytree import pytree
 
 Rotation = tuple[Float[Array, "P E"], Float[Array, "P E"]]
 
@@ -62,8 +63,7 @@ class Numerics:
         return dataclasses.replace(self, early=True)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Tokens:
     """What a transformer says about images, after its final norm."""
 

@@ -6,7 +6,6 @@ come already multiplied by `E ** -0.5`.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -15,6 +14,8 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
+
+from remind_jax.numerics.pytree import pytree
 
 # plain     all scores of a layer at once
 # chunked   head by head, some rows of queries at a time: scores stay in the cache of a CPU
@@ -30,8 +31,7 @@ _SAFE_SCORE = 60.0
 NO_PATCH = -1
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class ObjectAttention:
     """Mean attention over layers and heads, of patches of objects only; unused slots are zero.
 

@@ -5,7 +5,6 @@ Letters: `N` detection slots, `O` object slots, `K` views of a bank, `D` feature
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 
 import jax
@@ -27,6 +26,7 @@ from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.array_faults import not_unit, outside
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
 from remind_jax.solvers.assignment import assign
@@ -35,16 +35,14 @@ from remind_jax.static import Static
 NUM_VIEWS = 12
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class BankThresholds:
     """Numbers of the bank."""
 
     match: Real = setting(0.75, "least cosine of a match with the most similar view", "cosine")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Views:
     """Views of each object; those in use come first."""
 

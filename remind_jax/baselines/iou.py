@@ -12,7 +12,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -29,6 +28,7 @@ from remind_jax.baselines.parts.scene_memory import (
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.constant_arrays import zeros
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import AnyFeats, Masks, without_coverage
 from remind_jax.settings.kinds import Real, Whole
 from remind_jax.settings.record import setting
@@ -36,8 +36,7 @@ from remind_jax.solvers.assignment import assign
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class IouThresholds:
     """Numbers of the IoU tracker; those of SORT."""
 
@@ -47,8 +46,7 @@ class IouThresholds:
     )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class LastBoxes:
     """Where each object was seen last."""
 

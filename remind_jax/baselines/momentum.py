@@ -10,8 +10,6 @@ Letters: `N` detection slots, `O` object slots, `D` feature dimension.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -30,14 +28,14 @@ from remind_jax.baselines.parts.scene_memory import (
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import Masks
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class MomentumThresholds:
     """Numbers of the association; published values but for `logit_scale`."""
 
@@ -54,8 +52,7 @@ class MomentumThresholds:
     distractor_iou: Real = setting(0.3, "if they overlap a stronger one by more", "share")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Embeddings:
     """One embedding per object."""
 

@@ -5,10 +5,8 @@ Letters: `O` object slots, `D` feature dimension.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -27,22 +25,21 @@ from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.array_faults import outside
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
 from remind_jax.solvers.greedy import assign_greedily
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class RunningMeanThresholds:
     """Numbers of the running mean."""
 
     match: Real = setting(0.75, "least cosine of a match", "cosine")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Means:
     """The mean of all views of each object."""
 

@@ -27,6 +27,7 @@ from remind_jax.compiled.programs import (
     shapes_of,
 )
 from remind_jax.method import Method
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import AnyFeats
 from remind_jax.static import Static
 
@@ -35,8 +36,7 @@ from remind_jax.static import Static
 _SMALL_BYTES = 128 << 20
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class FrameInput:
     """What enters the step beside the memory."""
 
@@ -45,8 +45,7 @@ class FrameInput:
     thresholds: Packed  # those of the method
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Readout:
     """What the host reads of the memory after a frame."""
 

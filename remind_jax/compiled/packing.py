@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import AnyArray
 
 
@@ -40,8 +41,7 @@ class Layout:
         return sorted(set(self.dtypes))
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Packed:
     """A tree of arrays, packed."""
 
@@ -81,8 +81,7 @@ class Packed:
 SMALL_BYTES = 1 << 16  # from here on to join an array takes longer than to hand it over
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Bundle:
     """A tree of arrays of which the small ones are packed: a memory between two steps.
 

@@ -5,14 +5,12 @@ Rule: method_plus.md#cropped. Letters: `N` detections, `T` tracklets, `L` rows o
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import least_seen, name_odds
@@ -24,8 +22,7 @@ CROPPED_ODDS = 0.65  # share of what look and name say of a link: they change wi
 SAME_PIXELS = 0.95  # cosine of looks above which two boxes hold the same
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Cropped:
     """Detections whose box is that of a tracklet, cropped at one side, under another name."""
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pytree import pytree
 from remind_jax.plus import clock
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Shortlist
@@ -29,8 +30,7 @@ CLEAR_LEAD = 1.25
 HESITATION = 2.0
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Choice:
     """What was decided about the rows of a frame."""
 

@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import fill_blocks
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
@@ -66,8 +67,7 @@ RATE_ERROR = 0.2  # per distance in sizes
 BORDER_ERROR = 0.7  # where a mask touches the border
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class OwnEvidence:
     """Evidence that an object has alone, in log odds, kind by kind; kinds add up."""
 
@@ -90,8 +90,7 @@ class OwnEvidence:
         return _add_up(getattr(self, name) for name in OwnEvidence.kinds())
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Evidence(OwnEvidence):
     """All evidence of a candidate: with what the others in view say."""
 
@@ -110,8 +109,7 @@ def _add_up(kinds: Iterable[Array]) -> Array:
     return functools.reduce(operator.add, kinds)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Shortlist:
     """The best objects for each row, before the others in view are asked."""
 

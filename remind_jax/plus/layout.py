@@ -12,7 +12,6 @@ in log odds.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import count_up, in_turn
+from remind_jax.numerics.pytree import pytree
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Evidence, OwnEvidence, Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
@@ -50,8 +50,7 @@ COVISIBLE_BEST = 1.5  # limit of the evidence, log odds
 NEAR = 2.56  # length over which absence of a companion tells something
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Weighed:
     """What is held of each candidate in the end; 0 for what is no candidate."""
 

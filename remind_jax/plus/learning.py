@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import count_up, fill_blocks
 from remind_jax.numerics.pooling import dot
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import name_row, vote
@@ -135,8 +136,7 @@ class _Placed(NamedTuple):
     speed: Float[Array, "O"]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class KeptLooks:
     """Looks that may be kept, one after the other."""
 

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot
+from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
@@ -55,8 +56,7 @@ CUT_SHARE = 0.5  # detections assumed of both kinds: those that go on over a cut
 TAILS = 3.0  # degrees of freedom of cosines, of one object and of two
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Links:
     """What may go on with what, by a motion of the image."""
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.method import Host, Method, Needs, Sweeping
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import AnyFeats, Masks
 from remind_jax.plus.earlier_files import COLUMNS, GONE_LEAVES, LENGTHENED, NEW_LEAVES
 from remind_jax.plus.faults import find_faults
@@ -26,8 +24,7 @@ from remind_jax.plus.verdicts import Verdicts
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class SeenFrame:
     """What `tracker.advance` is given."""
 

@@ -6,14 +6,12 @@ Letters: `N` detection slots, `P` patches, `D` feature dimension. Lengths are in
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pooling import pool_patches, to_unit
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import (
     AnyArray,
     AnyFeats,
@@ -27,8 +25,7 @@ from remind_jax.plus.thresholds import FRAME_AREA
 RING_PATCHES = 2  # the background is looked at this far around an object
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Motion:
     """Where points of the frame before lie in this one."""
 
@@ -38,8 +35,7 @@ class Motion:
     elapsed: Float[AnyArray, ""]  # ticks since the frame before
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Sightings:
     """The detections of one frame."""
 

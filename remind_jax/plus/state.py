@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.decision import Decisions, Overflow, no_decisions
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.constant_arrays import eye, full, zeros
+from remind_jax.numerics.pytree import pytree
 from remind_jax.plus.static import (
     BANK_SLOTS,
     CLASS_ROWS,
@@ -35,8 +36,7 @@ LONG_AGO = -1_000_000  # a frame before all others
 SUMMED = -1.0  # `Scene.looks_fade` and `Scene.steps_fade` of a frame that is in the scatters
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Objects:
     """One row per remembered object."""
 
@@ -61,8 +61,7 @@ class Objects:
         return self.id != NO_ID
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Pairs:
     """What is known of every two objects."""
 
@@ -75,8 +74,7 @@ class Pairs:
     log_ratio: Float[Array, "O O"]  # logarithm of size of the first by size of the second
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Tracklets:
     """Uninterrupted sights of something, carried along with the image."""
 
@@ -122,8 +120,7 @@ class Tracklets:
         return self.unseen == 0
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Scene:
     """What was learned about all objects together."""
 
@@ -163,8 +160,7 @@ class Scene:
     newness_known: Float[Array, "S"]
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Answers:
     """What the last frame's detections were taken for; decided or not."""
 
@@ -172,8 +168,7 @@ class Answers:
     answer_id: Int[Array, "N"]  # best answer now
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PlusState:
     """Everything that one frame hands to the next, and the decisions of the last frame."""
 

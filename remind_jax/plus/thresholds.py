@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
-
+from remind_jax.numerics.pytree import pytree
 from remind_jax.settings.arrays import AsArrays
 from remind_jax.settings.kinds import Gate, Real, Whole
 from remind_jax.settings.record import setting
@@ -21,8 +20,7 @@ FRAME_AREA = 30.72  # units^2
 # fmt: off
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Linking:
     """Detections to tracklets, frame to frame.
 
@@ -37,8 +35,7 @@ class Linking:
     least: Real = setting(-2.0, "links score more than this", "log odds")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Motion:
     """Whether to believe the image motion, and how places move with it.
 
@@ -49,8 +46,7 @@ class Motion:
     checked: Gate = setting(True, "disbelieve a motion that the detections contradict")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Mobility:
     """Which objects move of their own, and what follows from it.
 
@@ -62,8 +58,7 @@ class Mobility:
         "log odds")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Place:
     """Evidence from where an object should be, and correction of the map.
 
@@ -75,8 +70,7 @@ class Place:
         "probability")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Looks:
     """Evidence from appearance and background.
 
@@ -91,8 +85,7 @@ class Looks:
     unit_patches: Gate = setting(True, "scale every patch feature to unit length first")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Names:
     """What class names say (method_plus.md#class-names)."""
 
@@ -102,8 +95,7 @@ class Names:
         "or cropped alike at one side, may show one thing; above 1: none", "share")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Calibration:
     """What cosines of the same and of other objects look like in this scene.
 
@@ -115,8 +107,7 @@ class Calibration:
     other_mean: Real = setting(0.1, "mean of other objects before anything was seen", "cosine")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Layout:
     """Evidence from what else is in view, and how it lies.
 
@@ -135,8 +126,7 @@ class Layout:
     covisible_weight: Real = setting(0.4, "of what is seen together", "weight")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Decision:
     """Known or new, now or later (method_plus.md#novelty, method_plus.md#decision)."""
 
@@ -163,8 +153,7 @@ class Decision:
         "log odds")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Memory:
     """What is kept of an object (method_plus.md#look-learning)."""
 
@@ -172,8 +161,7 @@ class Memory:
     rate_samples: Real = setting(12.0, "kept looks average about this many", "samples")
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class PlusThresholds(AsArrays):
     """All tunable numbers of REMIND plus."""
 

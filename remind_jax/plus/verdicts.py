@@ -5,14 +5,13 @@ Letters: `N` detections, `C` candidates.
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.pytree import pytree
 from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.state import Answers
 from remind_jax.plus.static import NUM_CANDIDATES
@@ -26,8 +25,7 @@ class Stage(enum.IntEnum):
     SETTLED = 2  # decided before
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Verdicts(Answers):
     """The answers of a frame, and why."""
 

@@ -30,6 +30,7 @@ from remind_jax.compiled.programs import (
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.method import Method
 from remind_jax.metrics.in_graph import GraphScores, score_labels
+from remind_jax.numerics.pytree import pytree
 from remind_jax.static import Static
 
 _AXIS = "settings"  # that devices share
@@ -40,8 +41,7 @@ SCORES = (
 )
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Answers:
     """What every setting said about every detection."""
 

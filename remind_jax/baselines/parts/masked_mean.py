@@ -5,14 +5,13 @@ Letters: `N` detection slots, `D` feature dimension.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pooling import pool_patches, to_unit
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import (
     AnyFeats,
     Masks,
@@ -23,8 +22,7 @@ from remind_jax.observation import (
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Looks:
     """What the detections of a frame look like."""
 
@@ -33,8 +31,7 @@ class Looks:
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class LookedAt:
     """A frame whose detections are known by their looks."""
 

@@ -18,12 +18,12 @@ from remind_jax.decision import Decisions, Outcome, Overflow, Reason, no_decisio
 from remind_jax.numerics.absent import NEVER, NO_ID
 from remind_jax.numerics.array_faults import outside
 from remind_jax.numerics.constant_arrays import full, number
+from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import Masks
 from remind_jax.static import Static
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Objects:
     """One row per remembered object."""
 
@@ -37,8 +37,7 @@ class Objects:
         return self.id != NO_ID
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
+@pytree
 class SceneMemory:
     """Everything that one frame hands to the next, and the decisions of the last frame."""
 
