@@ -120,7 +120,10 @@ class Sets:
 
 @pytree
 class Influence:
-    """What context adds or takes (method.md#class-summary, method.md#cooccurrence-bonus)."""
+    """What the context adds to or takes from a candidate.
+
+    Rules: method.md#class-summary, method.md#cooccurrence-bonus.
+    """
 
     enabled: Gate = setting(True, "context at all; off also stops rescue and vetoes",
         key=f"{_I}.enabled")

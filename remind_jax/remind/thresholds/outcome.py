@@ -64,7 +64,10 @@ class Competition:
 
 @pytree
 class Ambiguous:
-    """When it could be one of several (method.md#plausible-score, method.md#ambiguity)."""
+    """When a detection could be one of several known objects.
+
+    Rules: method.md#plausible-score, method.md#ambiguity.
+    """
 
     enabled: Gate = setting(True, "detections may stay undecided between known objects",
         key=f"{_A}.enabled")
@@ -122,7 +125,10 @@ class Ambiguous:
 
 @pytree
 class Provisional:
-    """When it may still be known (method.md#plausible-score, method.md#provisional)."""
+    """When an unmatched detection may still be a known object.
+
+    Rules: method.md#plausible-score, method.md#provisional.
+    """
 
     enabled: Gate = setting(True, "unmatched detections may stay provisional", key=f"{_P}.enabled")
     min_top: Real = setting(0.60, "least score of the best supported object", "score",

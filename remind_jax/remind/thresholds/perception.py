@@ -107,7 +107,9 @@ class AttentionParts:
 
 @pytree
 class RingPrototypes:
-    """Rings in patches (method.md#ring-prototypes, method.md#ring-prototype-learning).
+    """How rings are split, remembered and compared.
+
+    Rules: method.md#ring-prototypes, method.md#ring-prototype-learning.
 
     Only with `static.ring_prototypes`; what is not here follows `background` and `similarity`.
     """
