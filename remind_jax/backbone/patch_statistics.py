@@ -40,7 +40,7 @@ from jaxtyping import Array, Bool, Float, UInt8
 
 from remind_jax.backbone import cell_histograms as cells
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
-from remind_jax.compiled.programs import KeptFunction
+from remind_jax.compiled.programs import keep_function
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.numerics.pytree import pytree
@@ -113,7 +113,7 @@ def patch_statistics() -> Backbone:
     """Makes the weight-free backbone."""
     tile = TILE if jax.default_backend() == "cpu" else None
 
-    def kept(name: str, one: Callable[..., Any]) -> KeptFunction:
+    def kept(name: str, one: Callable[..., Any]) -> Callable[..., Any]:
         def describe_each(each: tuple[Any, ...]) -> Any:
             given = functools.partial(one, *each, tile=tile)
             none = jax.eval_shape(given)
@@ -123,7 +123,7 @@ def patch_statistics() -> Backbone:
         def describe(*arguments: Any) -> Any:
             return jax.lax.map(describe_each, arguments)
 
-        return KeptFunction(name, describe, (CENTERING, tile))
+        return keep_function(name, describe, (CENTERING, tile))
 
     apply_to = kept(DEFAULT_BACKBONE, describe_patches)
 
