@@ -46,7 +46,7 @@ def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> st
 def flat_keys(
     changes: Mapping[str, Any], known: Collection[str], tracker: str, origin: str
 ) -> dict[str, Any]:
-    """Nested values by full key. Raises ConfigError if one is unknown, double or a section."""
+    """Nested values by full key. Raises ConfigError if one is unknown, given twice or a section."""
     flat: dict[str, Any] = {}
     written: dict[str, str] = {}
     for name, value in flatten(changes, with_empty=True):

@@ -254,7 +254,7 @@ def decode_masks(
 
 
 def _side_in(file: Signature, key: str, default: int) -> int:
-    """The largest side that an entry of the metadata, `[640, 640]` or `32`, names, if accepted."""
+    """The largest side in the metadata, `[640, 640]` or `32`. Raises WeightsError if too large."""
     value = parse_literal(file.metadata.get(key, ""))
     values = value if isinstance(value, (list, tuple)) else [value]
     side = max((v for v in values if type(v) is int and v > 0), default=default)
