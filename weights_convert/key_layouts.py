@@ -139,11 +139,7 @@ class NamedTensors:
 
 
 def name_tensors(tensors: Mapping[str, Any], file: str) -> NamedTensors:
-    """Recognizes the layout of a file and names its tensors in our words.
-
-    Raises:
-      WeightsError: If no layout fits, or two keys mean the same tensor.
-    """
+    """Names tensors in our words. Raises WeightsError if no layout fits, or two keys mean one."""
     flat = _strip(_unwrap(tensors), file)
     layout = next((known for known in LAYOUTS if known.evidence in flat), None)
     if layout is None:

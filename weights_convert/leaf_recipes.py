@@ -175,11 +175,7 @@ def check_complete(
 
 
 def make_leaf(recipe: Recipe, tensors: Mapping[str, StoredTensor], file: str) -> Any:
-    """The float32 array of a leaf.
-
-    Raises:
-      WeightsError: If a tensor cannot be read or holds numbers that are not finite.
-    """
+    """The float32 array of a leaf. Raises WeightsError if it cannot be read or is not finite."""
     arrays = [np.asarray(tensors[name].read(), np.float32) for name, _ in recipe.sources]
     try:
         leaf = np.ascontiguousarray(recipe.build(*arrays), np.float32)

@@ -78,11 +78,7 @@ class PickledTensor(_Inert):
     strides: tuple[int, ...]  # elements
 
     def read(self) -> np.ndarray:
-        """The tensor.
-
-        Raises:
-          WeightsError: If it reaches beyond its storage or the archive is damaged.
-        """
+        """The tensor. Raises WeightsError if it ends beyond its storage, or the file is damaged."""
         with _reading(self.storage.path, self.storage.entry):
             numbers = self.storage.read()[self.offset :]
             last = sum((n - 1) * step for n, step in zip(self.shape, self.strides, strict=True))

@@ -36,11 +36,7 @@ class PatchOutput:
     def read(
         self, array: Float[np.ndarray, "1 ..."], rows: int, columns: int
     ) -> Float[np.ndarray, "Hp Wp D"]:
-        """The patch grid of one image.
-
-        Raises:
-          WeightsError: If the output does not follow the image size as it did for the probe.
-        """
+        """The patch grid of one image. Raises WeightsError if it has another shape."""
         shapes = {
             "channels first": (1, self.dim, rows, columns),
             "channels last": (1, rows, columns, self.dim),

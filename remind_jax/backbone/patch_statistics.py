@@ -38,28 +38,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, UInt8
 
-from remind_jax.backbone.cell_histograms import (
-    CELL_PX,
-    above_surround,
-    angle,
-    cell_mean,
-    halve,
-    joint_histogram,
-    measure_tiles,
-    shifts,
-    smooth,
-    soft_bins,
-    soft_bins_periodic,
-    spread,
-    window_mean,
-)
+from remind_jax.backbone import cell_histograms as cells
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
-from remind_jax.compiled.programs import KeptFunction
+from remind_jax.compiled.programs import keep_function
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.numerics.pytree import pytree
 
-PATCH_PX = 2 * CELL_PX  # cells lie on the image at half resolution
+PATCH_PX = 2 * cells.CELL_PX  # cells lie on the image at half resolution
 
 NUM_HUES, NUM_SATURATIONS = 16, 4
 NUM_CHROMA, NUM_LUMINANCE, NUM_GRADIENT, NUM_CONTRAST = 5, 10, 8, 3
@@ -127,7 +113,7 @@ def patch_statistics() -> Backbone:
     """Makes the weight-free backbone."""
     tile = TILE if jax.default_backend() == "cpu" else None
 
-    def kept(name: str, one: Callable[..., Any]) -> KeptFunction:
+    def kept(name: str, one: Callable[..., Any]) -> Callable[..., Any]:
         def describe_each(each: tuple[Any, ...]) -> Any:
             given = functools.partial(one, *each, tile=tile)
             none = jax.eval_shape(given)
@@ -137,7 +123,7 @@ def patch_statistics() -> Backbone:
         def describe(*arguments: Any) -> Any:
             return jax.lax.map(describe_each, arguments)
 
-        return KeptFunction(name, describe, (CENTERING, tile))
+        return keep_function(name, describe, (CENTERING, tile))
 
     apply_to = kept(DEFAULT_BACKBONE, describe_patches)
 
@@ -165,11 +151,10 @@ def describe_patches(
 ) -> Float[Array, "Hp Wp D"]:
     """Features of patches of one image whose sides are multiples of `PATCH_PX`.
 
-    Args:
-      wanted: Patches to describe; what else is wanted changes none of them. Others are zero.
+    Those that are not `wanted` are zero; what else is wanted changes no patch.
     """
     histograms = measure_cells(image, _with_neighbors(wanted), tile)
-    features = _side_by_side(BLOCKS, histograms, window_mean(histograms, 1))
+    features = _side_by_side(BLOCKS, histograms, cells.window_mean(histograms, 1))
     return jnp.where(wanted[..., None], features, 0.0)
 
 
@@ -182,18 +167,16 @@ def describe_closeup(
 ) -> Float[Array, "V V D"]:
     """Features of patches of one closeup: those of its object, then those of its background.
 
-    Args:
-      wanted: As for `describe_patches`.
-      coverage: Share of each patch that the object covers, [0, 1].
+    As `describe_patches`; the object covers a share `coverage` of each patch, [0, 1].
     """
     histograms = measure_cells(image, _with_neighbors(wanted), tile)
     weight = coverage + OUTSIDE_WEIGHT
-    of_object = window_mean(histograms * weight, 1) / window_mean(weight, 1)
+    of_object = cells.window_mean(histograms * weight, 1) / cells.window_mean(weight, 1)
     features = jnp.concatenate(
         [
             to_unit(_side_by_side(OF_OBJECT, histograms, of_object)),
             BACKGROUND_WEIGHT
-            * to_unit(_side_by_side(OF_BACKGROUND, histograms, window_mean(histograms, 1))),
+            * to_unit(_side_by_side(OF_BACKGROUND, histograms, cells.window_mean(histograms, 1))),
         ],
         axis=-1,
     )
@@ -231,7 +214,7 @@ def measure_cells(
     height, width = (
         min(most, side) for most, side in zip(tile or needed.shape, needed.shape, strict=True)
     )
-    return measure_tiles(_histograms, _pixel_planes(image), needed, (height, width))
+    return cells.measure_tiles(_histograms, _pixel_planes(image), needed, (height, width))
 
 
 @functools.cache
@@ -244,21 +227,21 @@ def bins_of() -> dict[str, slice]:
 
 
 def _pixel_planes(image: UInt8[Array, "H W 3"]) -> PixelPlanes:
-    color = halve(image)
+    color = cells.halve(image)
     gray = jnp.asarray(sum(color)) / len(color)
-    around = spread(window_mean(cell_mean(gray), 1))
+    around = cells.spread(cells.window_mean(cells.cell_mean(gray), 1))
     red, green, blue = jnp.log(color + SENSOR_OFFSET + LOCAL_OFFSET * around)
     chroma = jnp.stack([red - green, blue - (red + green) / 2])
     luminance = jnp.log(gray + SENSOR_OFFSET)
-    smoothed = smooth(jnp.stack([luminance, *chroma]), sigma_px=1.5, reach_px=4)
-    variance = cell_mean((smoothed[0] - spread(cell_mean(smoothed[0]))) ** 2)
+    smoothed = cells.smooth(jnp.stack([luminance, *chroma]), sigma_px=1.5, reach_px=4)
+    variance = cells.cell_mean((smoothed[0] - cells.spread(cells.cell_mean(smoothed[0]))) ** 2)
     margin = (NEIGHBOR_PX, NEIGHBOR_PX)
     return PixelPlanes(
-        hue=angle(chroma[1], chroma[0]),
+        hue=cells.angle(chroma[1], chroma[0]),
         saturation=jnp.log1p(8 * jnp.sqrt(jnp.sum(chroma**2, axis=0))),
-        chroma_above=above_surround(chroma, SURROUND_RADIUS),
-        luminance_above=above_surround(luminance, SURROUND_RADIUS),
-        contrast=spread(jnp.sqrt(window_mean(variance, 1) + 0.02**2)),
+        chroma_above=cells.above_surround(chroma, SURROUND_RADIUS),
+        luminance_above=cells.above_surround(luminance, SURROUND_RADIUS),
+        contrast=cells.spread(jnp.sqrt(cells.window_mean(variance, 1) + 0.02**2)),
         smooth=jnp.pad(smoothed, ((0, 0), margin, margin), "edge"),
     )
 
@@ -268,13 +251,13 @@ def _histograms(planes: PixelPlanes) -> Float[Array, "K h w"]:
     red_green, blue_yellow = planes.chroma_above
     histograms = {
         "hue_saturation": _hue_saturation_histogram(planes.hue, planes.saturation),
-        "surround_chroma": joint_histogram(
-            soft_bins(red_green, -RED_GREEN_MAX, RED_GREEN_MAX, NUM_CHROMA),
-            soft_bins(blue_yellow, -BLUE_YELLOW_MAX, BLUE_YELLOW_MAX, NUM_CHROMA),
+        "surround_chroma": cells.joint_histogram(
+            cells.soft_bins(red_green, -RED_GREEN_MAX, RED_GREEN_MAX, NUM_CHROMA),
+            cells.soft_bins(blue_yellow, -BLUE_YELLOW_MAX, BLUE_YELLOW_MAX, NUM_CHROMA),
         ),
         "texture": _texture_histogram(planes.smooth[0], planes.contrast),
-        "luminance": cell_mean(
-            soft_bins(planes.luminance_above, -LUMINANCE_MAX, LUMINANCE_MAX, NUM_LUMINANCE)
+        "luminance": cells.cell_mean(
+            cells.soft_bins(planes.luminance_above, -LUMINANCE_MAX, LUMINANCE_MAX, NUM_LUMINANCE)
         ),
         "chroma_gradient": _gradient_histogram(planes.smooth[1:]),
     }
@@ -285,9 +268,9 @@ def _hue_saturation_histogram(
     hue: Float[Array, "H W"], saturation: Float[Array, "H W"]
 ) -> Float[Array, "K Hp Wp"]:
     """Hue by saturation; the least saturated bin has no hue, for the hue of gray is noise."""
-    shares = soft_bins(saturation, 0.0, SATURATION_MAX, NUM_SATURATIONS)
-    colored = joint_histogram(soft_bins_periodic(hue, NUM_HUES), shares[1:])
-    return jnp.concatenate([cell_mean(shares[:1]), colored])
+    shares = cells.soft_bins(saturation, 0.0, SATURATION_MAX, NUM_SATURATIONS)
+    colored = cells.joint_histogram(cells.soft_bins_periodic(hue, NUM_HUES), shares[1:])
+    return jnp.concatenate([cells.cell_mean(shares[:1]), colored])
 
 
 def _texture_histogram(
@@ -296,21 +279,21 @@ def _texture_histogram(
     """Soft ternary patterns of opposite neighbors in four directions, by local contrast."""
     there = [(down * NEIGHBOR_PX, right * NEIGHBOR_PX) for down, right in DIRECTIONS]
     opposite = [(-down, -right) for down, right in there]
-    here, *around = shifts(luminance, NEIGHBOR_PX, [(0, 0), *there, *opposite])
+    here, *around = cells.shifts(luminance, NEIGHBOR_PX, [(0, 0), *there, *opposite])
     sides = [jnp.tanh((side - here) / (0.4 * contrast)) for side in around]
-    shares = soft_bins(jnp.stack(sides), -1.0, 1.0, NUM_CONTRAST)
-    patterns = joint_histogram(shares[: len(there)], shares[len(there) :])
+    shares = cells.soft_bins(jnp.stack(sides), -1.0, 1.0, NUM_CONTRAST)
+    patterns = cells.joint_histogram(shares[: len(there)], shares[len(there) :])
     return patterns.reshape(-1, *patterns.shape[2:]) / len(DIRECTIONS)
 
 
 def _gradient_histogram(chroma: Float[Array, "2 _h _w"]) -> Float[Array, "K Hp Wp"]:
     """Logarithms of the length of the chroma gradient."""
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
-    right, left, below, above = shifts(chroma, NEIGHBOR_PX, steps)
+    right, left, below, above = cells.shifts(chroma, NEIGHBOR_PX, steps)
     length = jnp.sqrt(sum((right - left) ** 2 + (below - above) ** 2)) / 2
     low, high = math.log(GRADIENT_MIN), math.log(GRADIENT_MAX)
     logarithm = jnp.log(length + GRADIENT_MIN)
-    return cell_mean(soft_bins(logarithm, low, high, NUM_GRADIENT))
+    return cells.cell_mean(cells.soft_bins(logarithm, low, high, NUM_GRADIENT))
 
 
 @functools.cache

@@ -142,11 +142,7 @@ class Backbone:
         return self.check_attention()(images, patches, heads=heads)
 
     def check_attention(self) -> Callable[..., Any]:
-        """The function behind `extract_with_attention`.
-
-        Raises:
-          ConfigError: If the backbone has no attention.
-        """
+        """The function behind `extract_with_attention`. Raises ConfigError if there is none."""
         if self.apply_with_attention is None:
             raise ConfigError(
                 f"backbone '{self.name}' has no attention; parts by attention need a vision "
@@ -237,11 +233,7 @@ def parts_of(name: str) -> list[str]:
 
 
 def check_name(name: str) -> None:
-    """Checks that `get_backbone` knows a name; imports no backbone.
-
-    Raises:
-      ConfigError: If there is no such backbone.
-    """
+    """Raises ConfigError if `get_backbone` does not know a name; imports no backbone."""
     parts = parts_of(name)
     if "" in parts[1:] or parts[0] == "" != name:
         raise ConfigError(

@@ -18,7 +18,7 @@ from remind_jax.backbone.vit_variants import CUSTOM, Variant
 from remind_jax.backbone.vit_weights import DTYPES, Weights, load_weights
 from remind_jax.backbone.weights_download import obtain_weights, was_fetched
 from remind_jax.compiled.compiler_options import Kind, compiler_options
-from remind_jax.compiled.programs import KeptFunction
+from remind_jax.compiled.programs import keep_function
 from remind_jax.detectors.onnx_model import MEAN, STD
 from remind_jax.errors import ConfigError, WeightsError
 
@@ -88,11 +88,8 @@ def _make(weights: Weights, precision: Precision) -> Backbone:
 
     # The library that "network" leaves out is what uses a processor's instructions for bfloat16.
     kind: Kind = "network" if precision == "float32" else "plain"
-    encode_patches = KeptFunction(
-        "vit",
-        lambda params, images: run(params, images).patches,
-        (variant, precision),
-        kind,
+    encode_patches = keep_function(
+        "vit", lambda params, images: run(params, images).patches, (variant, precision), kind
     )
 
     @functools.partial(jax.jit, compiler_options=compiler_options(kind), static_argnames="heads")

@@ -107,11 +107,7 @@ def look_for_weights(name: str, given: str | Path | None = None) -> tuple[Path |
 
 
 def find_weights(name: str, given: str | Path | None) -> Path:
-    """Where the weights of a named variant are; arguments as for `look_for_weights`.
-
-    Raises:
-      WeightsError: If there are none; says where to obtain them, and under which license.
-    """
+    """`look_for_weights`; if there are none, raises a WeightsError that says where to get them."""
     found, tried = look_for_weights(name, given)
     if found is not None:
         return found
@@ -131,12 +127,7 @@ def default_folder() -> Path:
 
 
 def load_weights(path: str | Path, expected: str | None = None) -> Weights:
-    """Reads a converted weight file.
-
-    Raises:
-      WeightsError: If it is missing, damaged, of another network, or not exactly the leaves of its
-        variant.
-    """
+    """Reads a converted weight file. Raises WeightsError if it is not whole, or not `expected`."""
     path = Path(path)
     if wrong := say_no_file(path):
         raise WeightsError(f"weight file '{path}' {wrong}; give a file that 'remind convert' wrote")
@@ -204,15 +195,13 @@ def _check_leaves(shapes: Mapping[str, tuple[int, ...]], variant: Variant, path:
 
 def _check_bytes(path: Path, header: Mapping[str, str]) -> None:
     """Raises a `WeightsError` if tensor bytes are not those that were written."""
-    digest = hashlib.sha256()
     with path.open("rb") as file:
         file.seek(8 + int.from_bytes(file.read(8), "little"))
-        while block := file.read(1 << 22):
-            digest.update(block)
-    if digest.hexdigest() != header["data_sha256"]:
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    if found != header["data_sha256"]:
         raise WeightsError(
             f"tensors of '{path}' are not those that were written: the sha256 of their bytes is "
-            f"{digest.hexdigest()[:12]}..., the header says {header['data_sha256'][:12]}...; copy "
+            f"{found[:12]}..., the header says {header['data_sha256'][:12]}...; copy "
             "or convert the file again"
         )
 

@@ -12,16 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from remind_jax.baselines.parts import scene_memory
 from remind_jax.baselines.parts.masked_mean import LookedAt, describe
-from remind_jax.baselines.parts.scene_memory import (
-    Matching,
-    SceneMemory,
-    conclude,
-    empty_memory,
-    find_faults,
-    remove_objects,
-    same_class,
-)
+from remind_jax.baselines.parts.scene_memory import Matching, SceneMemory
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.array_faults import not_unit, outside
 from remind_jax.numerics.constant_arrays import zeros
@@ -54,7 +47,7 @@ def init(static: Static) -> SceneMemory:
     """The empty memory."""
     shape = (static.num_objects, NUM_VIEWS)
     views = Views(zeros((*shape, static.feature_dim)), zeros(shape, np.int32))
-    return empty_memory(static, views)
+    return scene_memory.empty_memory(static, views)
 
 
 def decide(
@@ -66,7 +59,9 @@ def decide(
     each = dot(looks.vector, views.vector.reshape(-1, views.vector.shape[-1]))
     each = each.reshape(-1, *views.weight.shape)
     score = jnp.max(jnp.where(views.weight > 0, each, -1.0), axis=-1)
-    allowed = same_class(state, masks) & looks.valid[:, None] & (score >= thresholds.match)
+    allowed = (
+        scene_memory.same_class(state, masks) & looks.valid[:, None] & (score >= thresholds.match)
+    )
     least = jnp.full(len(masks.valid), thresholds.match, jnp.float32)
     column = assign(score, allowed, masks.class_id, least, jnp.array(True), solver=static.solver)
 
@@ -81,7 +76,7 @@ def decide(
         )
 
     matching = Matching(score, allowed, column, looks.valid, looks.valid)
-    return conclude(state, masks, matching, learn, static, looks.num_bad_patches), None
+    return scene_memory.conclude(state, masks, matching, learn, static, looks.num_bad_patches), None
 
 
 def _add_view(
@@ -112,7 +107,7 @@ def _add_view(
 def _find_faults(state: SceneMemory) -> Iterator[str]:
     """As `scene_memory.find_faults`, and of the views."""
     views: Views = state.looks
-    yield from find_faults(state)
+    yield from scene_memory.find_faults(state)
     yield from outside("looks.weight", views.weight, 0)
     kept = np.asarray(state.objects.exists)[:, None] & (np.asarray(views.weight) > 0)
     yield from not_unit("looks.vector", views.vector, kept)
@@ -125,7 +120,7 @@ METHOD = Method(
     decide,
     describe,
     Needs(patch_reach=0, reads_closeups=True),
-    Host(remove=remove_objects, find_faults=_find_faults),
+    Host(remove=scene_memory.remove_objects, find_faults=_find_faults),
     Sweeping(described_by=()),
     title="bank of 12 + Hungarian",
 )

@@ -15,16 +15,8 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from remind_jax.baselines.parts.scene_memory import (
-    Matching,
-    SceneMemory,
-    box_iou,
-    conclude,
-    empty_memory,
-    find_faults,
-    remove_objects,
-    same_class,
-)
+from remind_jax.baselines.parts import scene_memory
+from remind_jax.baselines.parts.scene_memory import Matching, SceneMemory
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.constant_arrays import zeros
@@ -55,7 +47,7 @@ class LastBoxes:
 
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
-    return empty_memory(static, LastBoxes(zeros((static.num_objects, 4))))
+    return scene_memory.empty_memory(static, LastBoxes(zeros((static.num_objects, 4))))
 
 
 def describe(
@@ -71,8 +63,8 @@ def decide(
     """Maximizes the summed overlap with the last boxes, class by class; the rest is new."""
     state = _forget(state, thresholds)
     boxes = jnp.asarray(masks.box, jnp.float32)
-    score = box_iou(boxes, state.looks.box)
-    allowed = same_class(state, masks) & (score >= thresholds.min_iou)
+    score = scene_memory.box_iou(boxes, state.looks.box)
+    allowed = scene_memory.same_class(state, masks) & (score >= thresholds.min_iou)
     # Any overlap that is allowed is better than none.
     nothing = jnp.zeros(len(masks.valid), jnp.float32)
     column = assign(score, allowed, masks.class_id, nothing, jnp.array(True), solver=static.solver)
@@ -81,7 +73,7 @@ def decide(
         return LastBoxes(last.box.at[slot].set(boxes, mode="drop"))
 
     matching = Matching(score, allowed, column, masks.valid, masks.valid)
-    return conclude(state, masks, matching, learn, static), None
+    return scene_memory.conclude(state, masks, matching, learn, static), None
 
 
 def _forget(state: SceneMemory, thresholds: IouThresholds) -> SceneMemory:
@@ -99,7 +91,7 @@ METHOD = Method(
     decide,
     describe,
     Needs(patch_reach=0),
-    Host(remove=remove_objects, find_faults=find_faults),
+    Host(remove=scene_memory.remove_objects, find_faults=scene_memory.find_faults),
     Sweeping(described_by=()),
     title="IoU",
 )

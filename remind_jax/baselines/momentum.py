@@ -14,17 +14,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.baselines.parts import scene_memory
 from remind_jax.baselines.parts.masked_mean import LookedAt, Looks, describe
-from remind_jax.baselines.parts.scene_memory import (
-    Matching,
-    SceneMemory,
-    box_iou,
-    conclude,
-    empty_memory,
-    find_faults,
-    remove_objects,
-    same_class,
-)
+from remind_jax.baselines.parts.scene_memory import Matching, SceneMemory
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
@@ -61,7 +53,9 @@ class Embeddings:
 
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
-    return empty_memory(static, Embeddings(zeros((static.num_objects, static.feature_dim))))
+    return scene_memory.empty_memory(
+        static, Embeddings(zeros((static.num_objects, static.feature_dim)))
+    )
 
 
 def decide(
@@ -72,7 +66,7 @@ def decide(
     detector_score = jnp.asarray(masks.detector_score, jnp.float32)
     considered = looks.valid & ~_find_distractors(masks, detector_score, t)
     score = _compare(state, looks, considered, t)
-    allowed = same_class(state, masks) & considered[:, None]
+    allowed = scene_memory.same_class(state, masks) & considered[:, None]
     may_match = considered & (detector_score > t.match_detector_score)
     column = _take_in_turn(score, allowed & may_match[:, None], detector_score, t.match)
     starts = considered & (detector_score > t.birth_detector_score)
@@ -84,7 +78,7 @@ def decide(
         return Embeddings(known.vector.at[slot].set(new, mode="drop"))
 
     matching = Matching(score, allowed, column, starts, considered)
-    return conclude(state, masks, matching, learn, static, looks.num_bad_patches), None
+    return scene_memory.conclude(state, masks, matching, learn, static, looks.num_bad_patches), None
 
 
 def _compare(
@@ -106,7 +100,7 @@ def _find_distractors(
     masks: Masks, detector_score: Float[Array, "N"], t: MomentumThresholds
 ) -> Bool[Array, "N"]:
     """Weak detections that overlap a stronger one of any class."""
-    iou = box_iou(jnp.asarray(masks.box), jnp.asarray(masks.box))
+    iou = scene_memory.box_iou(jnp.asarray(masks.box), jnp.asarray(masks.box))
     position = jnp.arange(len(detector_score))
     is_stronger = detector_score[None] > detector_score[:, None]
     is_stronger |= (detector_score[None] == detector_score[:, None]) & (
@@ -146,7 +140,7 @@ METHOD = Method(
     decide,
     describe,
     Needs(patch_reach=0, reads_closeups=True),
-    Host(remove=remove_objects, find_faults=find_faults),
+    Host(remove=scene_memory.remove_objects, find_faults=scene_memory.find_faults),
     Sweeping(described_by=()),
     title="momentum (MASA setting)",
 )

@@ -11,16 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from remind_jax.baselines.parts import scene_memory
 from remind_jax.baselines.parts.masked_mean import LookedAt, describe
-from remind_jax.baselines.parts.scene_memory import (
-    Matching,
-    SceneMemory,
-    conclude,
-    empty_memory,
-    find_faults,
-    remove_objects,
-    same_class,
-)
+from remind_jax.baselines.parts.scene_memory import Matching, SceneMemory
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.array_faults import outside
 from remind_jax.numerics.constant_arrays import zeros
@@ -50,7 +43,7 @@ class Means:
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
     num, dim = static.num_objects, static.feature_dim
-    return empty_memory(static, Means(zeros((num, dim)), zeros(num, np.int32)))
+    return scene_memory.empty_memory(static, Means(zeros((num, dim)), zeros(num, np.int32)))
 
 
 def decide(
@@ -59,7 +52,7 @@ def decide(
     """Matches by falling cosine with the mean of all earlier views; who is left is new."""
     looks, masks = seen.looks, seen.masks
     score = dot(looks.vector, to_unit(state.looks.vector))
-    allowed = same_class(state, masks) & looks.valid[:, None]
+    allowed = scene_memory.same_class(state, masks) & looks.valid[:, None]
     least = jnp.full(len(masks.valid), thresholds.match, jnp.float32)
     column = assign_greedily(score, allowed, least, jnp.array(True))
 
@@ -73,12 +66,12 @@ def decide(
         )
 
     matching = Matching(score, allowed, column, looks.valid, looks.valid)
-    return conclude(state, masks, matching, learn, static, looks.num_bad_patches), None
+    return scene_memory.conclude(state, masks, matching, learn, static, looks.num_bad_patches), None
 
 
 def _find_faults(state: SceneMemory) -> Iterator[str]:
     """As `scene_memory.find_faults`, and of the means."""
-    yield from find_faults(state)
+    yield from scene_memory.find_faults(state)
     yield from outside("looks.count", state.looks.count, 0)
 
 
@@ -89,7 +82,7 @@ METHOD = Method(
     decide,
     describe,
     Needs(patch_reach=0, reads_closeups=True),
-    Host(remove=remove_objects, find_faults=_find_faults),
+    Host(remove=scene_memory.remove_objects, find_faults=_find_faults),
     Sweeping(described_by=()),
     title="nearest running mean",
 )

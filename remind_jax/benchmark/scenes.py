@@ -93,11 +93,7 @@ def find_scenes(root: str | Path) -> tuple[Scene, ...]:
 
 
 def select_scenes(scenes: tuple[Scene, ...], names: tuple[str, ...]) -> tuple[Scene, ...]:
-    """Only the named scenes, in their order; all if no name is given.
-
-    Raises:
-      SourceError: If one is not there.
-    """
+    """The named scenes in turn; all without names. Raises SourceError if one is not there."""
     known = {scene.name: scene for scene in scenes}
     for name in names:
         if name not in known:

@@ -16,60 +16,35 @@ WEIGHTS = tuple(f"similarity.{term}_weight" for term in TERMS)
 PART_MERGE = "perception.part_merge"
 _BANKS = ("appearance", "background", "parts")
 
+
+def _dotted(**sections: str) -> tuple[str, ...]:
+    """Keys by section, with spaces between."""
+    return tuple(f"{section}.{key}" for section, keys in sections.items() for key in keys.split())
+
+
 # Numbers that visual or final scores are compared with.
-SCORES = (
-    "matching.match",
-    "matching.min_visual",
-    "matching.lock_score",
-    "matching.dummy_cap",
-    "diagnosis.anchor_score",
-    "diagnosis.strong_score",
-    "diagnosis.ambiguous_score",
-    "influence.rescue_visual",
-    "competition.min_score",
-    "competition.confirmed_min_score",
-    "ambiguous.min_top",
-    "ambiguous.min_candidate",
-    "ambiguous.visual_min_top",
-    "provisional.min_top",
-    "provisional.min_candidate",
-    "provisional.visual_min_score",
-    "pending.ambiguous_min_visual",
-    "pending.ambiguous_min_total",
-    "pending.provisional_min_visual",
-    "pending.provisional_min_total",
-    "known_sets.soft_min_score",
+SCORES = _dotted(
+    matching="match min_visual lock_score dummy_cap",
+    diagnosis="anchor_score strong_score ambiguous_score",
+    influence="rescue_visual",
+    competition="min_score confirmed_min_score",
+    ambiguous="min_top min_candidate visual_min_top",
+    provisional="min_top min_candidate visual_min_score",
+    pending="ambiguous_min_visual ambiguous_min_total provisional_min_visual provisional_min_total",
+    known_sets="soft_min_score",
 )
 # Numbers that differences of scores are compared with, or that are added to scores.
-SCORE_DIFFERENCES = (
-    "matching.lock_gap",
-    "diagnosis.anchor_margin",
-    "diagnosis.close",
-    "diagnosis.strong_gap",
-    "diagnosis.temperature",
-    "diagnosis.temperature_least",
-    "diagnosis.gap_center",
-    "diagnosis.gap_scale",
-    "diagnosis.gap_scale_least",
-    "influence.positive_cap",
-    "influence.negative_cap",
-    "stability.assignment_gap",
-    "stability.alternative_margin",
-    "stability.keep_margin",
-    "competition.max_gap",
-    "competition.confirmed_max_gap",
-    "ambiguous.gap",
-    "ambiguous.clear_margin",
-    "ambiguous.visual_gap",
-    "provisional.gap",
-    "provisional.visual_margin",
-    "provisional.visual_min_gap",
-    "pending.ambiguous_overlap_weight",
-    "pending.ambiguous_scores_weight",
-    "pending.ambiguous_place_weight",
-    "pending.provisional_overlap_weight",
-    "pending.provisional_scores_weight",
-    "pending.provisional_place_weight",
+SCORE_DIFFERENCES = _dotted(
+    matching="lock_gap",
+    diagnosis="anchor_margin close strong_gap temperature temperature_least "
+    "gap_center gap_scale gap_scale_least",
+    influence="positive_cap negative_cap",
+    stability="assignment_gap alternative_margin keep_margin",
+    competition="max_gap confirmed_max_gap",
+    ambiguous="gap clear_margin visual_gap",
+    provisional="gap visual_margin visual_min_gap",
+    pending="ambiguous_overlap_weight ambiguous_scores_weight ambiguous_place_weight "
+    "provisional_overlap_weight provisional_scores_weight provisional_place_weight",
 )
 # Shares of a score, and the score at which they act.
 SCORE_SHARES = {
@@ -126,13 +101,7 @@ class Evidence:
 def estimate(
     reference: Evidence, features: Evidence, same: Bool[np.ndarray, "S"], start: Mapping[str, float]
 ) -> dict[str, float]:
-    """Thresholds that do with features what others do with the reference features.
-
-    Rule: calibration.md#the-map.
-
-    Returns:
-      All thresholds that are cosines, differences of cosines or weights of terms.
-    """
+    """Thresholds that do the same with features as with the reference (calibration.md#the-map)."""
     weights = np.array([start[name] for name in WEIGHTS])
     both = [reference.present[:, term] & features.present[:, term] for term in range(len(TERMS))]
     lines = [

@@ -80,11 +80,7 @@ class FrameStep:
         return Described(programs, programs.describe(*leaves), frame_input.thresholds)
 
     def decide(self, memory: Bundle, described: Described) -> tuple[Bundle, Packed, Any]:
-        """Decides and remembers.
-
-        Returns:
-          The memory, `Readout` packed, and the trace of the decisions if asked for, else None.
-        """
+        """Decides and remembers: the memory, `Readout` packed, and the trace if it is asked for."""
         programs = described.programs
         memory_leaves, memory_structure = jax.tree.flatten(memory)
         placed = jax.tree.leaves(described.thresholds)

@@ -149,41 +149,27 @@ def shapes_of(tree: Any) -> Shapes:
     )
 
 
-class KeptFunction:
+def keep_function(
+    name: str, function: Callable[..., Any], key: Hashable, kind: Kind = "features"
+) -> Callable[..., Any]:
     """A pure function from arrays to one array, compiled for every shape that it is called with.
 
-    The text of this package and the key must tell what it does. Within `jit` it is the function
-    itself.
+    The text of this package and the key must tell what it does; the arguments are those of a
+    `Recipe`. Within `jit` it is the function itself.
     """
 
-    def __init__(
-        self,
-        name: str,
-        function: Callable[..., Any],
-        key: Hashable,
-        kind: Kind = "features",
-    ) -> None:
-        """Compiles nothing yet; the arguments are those of a `Recipe`."""
-        self._name, self._function, self._key = name, function, key
-        self._kind: Kind = kind
-
-    def __call__(self, *args: Any) -> Any:
-        """What the function gives."""
+    def run(*args: Any) -> Any:
         leaves, structure = jax.tree.flatten(args)
         if is_jit_off() or any(isinstance(leaf, Tracer) for leaf in leaves):
-            return self._function(*args)
+            return function(*args)
 
         def on_leaves(*leaves: Any) -> Any:
-            return self._function(*jax.tree.unflatten(structure, leaves))
+            return function(*jax.tree.unflatten(structure, leaves))
 
-        recipe = Recipe(
-            self._name,
-            on_leaves,
-            shapes_of(leaves),
-            (self._key, structure),
-            kind=self._kind,
-        )
+        recipe = Recipe(name, on_leaves, shapes_of(leaves), (key, structure), kind=kind)
         return get_program(recipe)(*leaves)[0]
+
+    return run
 
 
 def is_of_this_package(function: Callable[..., Any]) -> bool:

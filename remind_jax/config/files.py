@@ -20,11 +20,7 @@ def list_configs() -> list[str]:
 
 
 def find_file(name: str | Path) -> Path:
-    """The file of a configuration by name or path.
-
-    Raises:
-      ConfigError: If it is no path of a YAML file and no name of a shipped configuration.
-    """
+    """File of a configuration by name or path. Raises ConfigError if it can be none."""
     path = as_path(name, "the configuration", ConfigError)
     if path.suffix in _SUFFIXES:
         return path
@@ -70,11 +66,7 @@ def describe_config(name: str) -> str:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Reads a mapping from a YAML file.
-
-    Raises:
-      ConfigError: If the file is missing, is no YAML or holds something else than a mapping.
-    """
+    """Reads a mapping from a YAML file. Raises ConfigError if it is missing or holds none."""
     return records.read_yaml(path, dict[str, Any], refused=ConfigError)
 
 

@@ -16,11 +16,7 @@ SWITCHES = "static.switches."
 
 
 def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> str:
-    """The key that a name stands for.
-
-    Raises:
-      ConfigError: If it stands for none of them, or for several.
-    """
+    """The key that a name stands for. Raises ConfigError if it stands for none, or for several."""
     for key in (name, THRESHOLDS + name, name.replace(STATIC, SWITCHES, 1)):
         if key in known:
             return key
@@ -50,11 +46,7 @@ def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> st
 def flat_keys(
     changes: Mapping[str, Any], known: Collection[str], tracker: str, origin: str
 ) -> dict[str, Any]:
-    """Nested values by full key, each key once.
-
-    Raises:
-      ConfigError: If a key is unknown or given twice, or a section holds a value of its own.
-    """
+    """Nested values by full key. Raises ConfigError if one is unknown, given twice or a section."""
     flat: dict[str, Any] = {}
     written: dict[str, str] = {}
     for name, value in flatten(changes, with_empty=True):

@@ -45,11 +45,7 @@ def name_profile(backbone: str, fingerprint: str) -> str:
 
 
 def profile_folder() -> Path:
-    """Where profiles are looked for: as the variable REMIND_PROFILES says, or in the cache.
-
-    Raises:
-      ConfigError: If the variable names no folder.
-    """
+    """Where profiles are: as REMIND_PROFILES says, or cached. Raises ConfigError for a file."""
     named = os.environ.get(VARIABLE)
     if not named:
         return user_cache_folder() / "profiles"

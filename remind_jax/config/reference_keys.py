@@ -138,11 +138,7 @@ def decided_settings(published: Any) -> dict[str, dict[str, Setting]]:
 
 
 def translate(settings: Mapping[str, Any], published: Any) -> dict[str, Any]:
-    """Turns nested settings of the original into nested settings of this package.
-
-    Raises:
-      ConfigError: For a key that the original does not have, or a value that is not supported.
-    """
+    """Nested settings of the original as ours. Raises ConfigError for unknown keys and values."""
     flat, decided = dict(flatten(settings)), decided_settings(published)
     values = {path: value for path, value, _ in walk_settings(published)}
     changes: dict[str, Any] = {}

@@ -132,11 +132,7 @@ class CallableDetector(_Refined):
 def refine_detections(
     detections: Detections, options: DetectorOptions
 ) -> tuple[Detections, DropCounts]:
-    """Keeps the wanted instances and erodes their masks; the order stays.
-
-    Returns:
-      The detections left and the number of wanted ones that were dropped for their masks.
-    """
+    """The wanted instances in turn, with eroded masks, and how many their masks excluded."""
     is_admitted = np.array([options.admits(label) for label in detections.labels], bool)
     detections = detections.select((detections.scores >= options.confidence) & is_admitted)
     crops = Crops.of(detections.masks)

@@ -59,11 +59,7 @@ def parse_literal(text: str) -> object:
 
 
 def refuse_other_formats(path: Path) -> None:
-    """Tells how to export what is no ONNX file.
-
-    Raises:
-      WeightsError: If the path names a model of another format, a folder, or nothing.
-    """
+    """Raises a WeightsError that tells how to export what is no ONNX file, or is missing."""
     if path.suffix.lower() in _OTHER_SUFFIXES:
         raise WeightsError(
             f"'{path}' is no ONNX file, as a detector must be; export it once, "

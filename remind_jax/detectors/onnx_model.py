@@ -75,11 +75,7 @@ class OnnxModel:
 
 
 def image_input(signature: Signature, what: str) -> TensorSpec:
-    """The only input of a network of one RGB image, `[1, 3, H, W]` of floats.
-
-    Raises:
-      WeightsError: If it has other inputs; says what needs such an input.
-    """
+    """A network's only input, floats `[1, 3, H, W]`. Raises WeightsError if it has others."""
     if len(signature.inputs) == 1 and len(signature.inputs[0].shape) == 4:
         (one,) = signature.inputs
         sides = [side for side in one.shape[2:] if side is not None]

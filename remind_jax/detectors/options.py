@@ -65,11 +65,7 @@ class DetectorOptions:
 def find_wanted_classes(
     names: Sequence[str | None], options: DetectorOptions
 ) -> Bool[np.ndarray, "C"]:
-    """Which class columns can give detections; columns without a name (None) never do.
-
-    Raises:
-      ConfigError: If the options name a class that the network does not know.
-    """
+    """Which columns give detections; unnamed ones never. Raises ConfigError for unknown classes."""
     known = [name for name in names if name is not None]
     for name in (*(options.classes or ()), *options.ignored_classes):
         if name.casefold() not in map(str.casefold, known):

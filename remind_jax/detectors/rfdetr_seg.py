@@ -99,12 +99,7 @@ class RfDetrSeg:
     def from_file(
         cls, file: Signature, layout: RfDetrLayout, options: DetectorOptions
     ) -> RfDetrSeg:
-        """Reads class names and input size from the file.
-
-        Raises:
-          ConfigError: If the options name unknown classes or more than there are, or if the input
-            size is neither in the file nor in the options.
-        """
+        """Reads names and input size from the file. Raises ConfigError if options do not fit it."""
         if options.class_names is not None and len(options.class_names) > layout.num_columns:
             raise ConfigError(
                 f"{len(options.class_names)} class_names were given, "
@@ -134,11 +129,7 @@ class RfDetrSeg:
     def decode(
         self, outputs: Mapping[str, Float[np.ndarray, "..."]], frame_size: tuple[int, int]
     ) -> Detections:
-        """Detections of one frame, best first.
-
-        Raises:
-          WeightsError: If the outputs do not have the shapes that the file declares.
-        """
+        """Detections of a frame, best first. Raises WeightsError for shapes other than declared."""
         labels, planes = outputs[self.layout.labels], outputs[self.layout.masks]
         is_sound = labels.ndim == 3 and len(labels) == 1 and labels.shape[2] == len(self.names)
         if not is_sound or planes.ndim != 4 or planes.shape[:2] != labels.shape[:2]:

@@ -95,11 +95,7 @@ class YoloSeg:
 
     @classmethod
     def from_file(cls, file: Signature, layout: YoloLayout, options: DetectorOptions) -> YoloSeg:
-        """Reads class names, input size and stride from the file.
-
-        Raises:
-          ConfigError: If the options name unknown classes, or too few or too many class names.
-        """
+        """Reads names, input size and stride. Raises ConfigError if options do not fit the file."""
         found = read_class_names(file.metadata)
         count = layout.num_classes or len(options.class_names or ()) or max(found, default=-1) + 1
         if options.class_names is not None and len(options.class_names) != count:
@@ -132,11 +128,7 @@ class YoloSeg:
     def decode(
         self, outputs: Mapping[str, Float[np.ndarray, "..."]], frame_size: tuple[int, int]
     ) -> Detections:
-        """Detections of one frame, best first.
-
-        Raises:
-          WeightsError: If the outputs do not have the shapes that the file declares.
-        """
+        """Detections of a frame, best first. Raises WeightsError for shapes other than declared."""
         rows, prototypes = outputs[self.layout.candidates], outputs[self.layout.prototypes]
         self._check_shapes(rows, prototypes)
         options = self.options
@@ -262,11 +254,7 @@ def decode_masks(
 
 
 def _side_in(file: Signature, key: str, default: int) -> int:
-    """The largest number of pixels that an entry of the metadata names: `[640, 640]` or `32`.
-
-    Raises:
-      WeightsError: If no image can be that large.
-    """
+    """The largest side in the metadata, `[640, 640]` or `32`. Raises WeightsError if too large."""
     value = parse_literal(file.metadata.get(key, ""))
     values = value if isinstance(value, (list, tuple)) else [value]
     side = max((v for v in values if type(v) is int and v > 0), default=default)

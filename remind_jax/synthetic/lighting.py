@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from remind_jax.synthetic.scene import Point, Room
+from remind_jax.synthetic.scene import Room
 from remind_jax.synthetic.surfaces import Part, Surface, turn
 
 _AMBIENT_REACH_M = 0.35
@@ -41,11 +41,7 @@ def bake_light(
     part_rooms: Sequence[int],
     texels_m: Sequence[float],
 ) -> list[Float[np.ndarray, "h w 2"]]:
-    """Light images of all surfaces of all parts, in order.
-
-    Returns:
-      Per surface: irradiance from the lamp and from the window, 1 on a well-lit wall.
-    """
+    """Light on all surfaces, in order: from lamp and window, each 1 on a well-lit wall."""
     layers: list[list[Float[np.ndarray, "h w 2"]]] = [[] for _ in parts]
     for room_index, room in enumerate(rooms):
         members = [index for index, owner in enumerate(part_rooms) if owner == room_index]
@@ -135,23 +131,21 @@ def _light_room(
     for shift in _LAMP_SPREAD_M:
         lamp += _direct(texels, np.array(room.lamp_m) + shift, blocks) / len(_LAMP_SPREAD_M)
     window = 0.0
-    for point, inwards in _window_points(room):
+    for point in _window_points(room):
         to_window = point - texels.position_m
-        facing = np.clip(-(to_window @ inwards) / np.linalg.norm(to_window, axis=1), 0, 1)
-        window = window + 0.5 * facing**0.5 * _direct(texels, np.array(point), blocks)
+        facing = np.clip(-to_window[:, 1] / np.linalg.norm(to_window, axis=1), 0, 1)
+        window = window + 0.5 * facing**0.5 * _direct(texels, point, blocks)
     window = _WINDOW_GAIN * (0.7 * np.asarray(window) + 0.22 * ambient)
     return np.stack([0.85 * lamp + 0.42 * ambient, window], 1).astype(np.float32)
 
 
-def _window_points(room: Room) -> list[tuple[Point, np.ndarray]]:
-    """Two points that stand for a window, and the direction in which it shines."""
+def _window_points(room: Room) -> list[Float[np.ndarray, "3"]]:
+    """Two points that stand for a window, which shines towards +y."""
     if room.window is None:
         return []
     (x, z), (width, height) = room.window.center_m, room.window.size_m
-    inwards = np.array([0.0, 1.0, 0.0])
-    return [
-        ((x + sign * width / 4, room.y_m[0], z + sign * height / 6), inwards) for sign in (-1, 1)
-    ]
+    shift = np.array([width / 4, 0, height / 6])
+    return [np.array([x, room.y_m[0], z]) + sign * shift for sign in (-1, 1)]
 
 
 def _direct(

@@ -138,9 +138,7 @@ class Atlas:
 def pack_images(images: Sequence[np.ndarray], num_levels: int = NUM_LEVELS) -> Atlas:
     """Packs images and their smaller versions; equal images share their place."""
     unique: dict[tuple[tuple[int, ...], bytes], int] = {}
-    rows = []
-    for image in images:
-        rows.append(unique.setdefault((image.shape, image.tobytes()), len(unique)))
+    rows = [unique.setdefault((one.shape, one.tobytes()), len(unique)) for one in images]
     kept = [images[rows.index(row)] for row in range(len(unique))]
     levels = [level for image in kept for level in _shrink(image, num_levels)]
     pixels, origins = _pack(levels)

@@ -10,9 +10,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
-Image = UInt8[np.ndarray, "h w 3"]
+from remind_jax.synthetic.textures import Image
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,11 +63,8 @@ def quad(
     glow: float = 0.0,
 ) -> Surface:
     """A parallelogram from its upper left corner and two edges, as seen from its front."""
-    start, right_edge, down_edge = np.array(corner), np.array(right), np.array(down)
-    points = np.array(
-        [[start, start + right_edge], [start + down_edge, start + down_edge + right_edge]]
-    )
-    return Surface(points.astype(float), image, glow=glow)
+    upper = np.array([corner, np.add(corner, right)], float)
+    return Surface(np.stack([upper, upper + np.array(down)]), image, glow=glow)
 
 
 def box(

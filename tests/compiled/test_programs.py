@@ -11,10 +11,10 @@ import pytest
 from jax.core import Tracer
 
 from remind_jax.compiled.programs import (
-    KeptFunction,
     Recipe,
     get_program,
     is_of_this_package,
+    keep_function,
     shapes_of,
     waited_s,
 )
@@ -105,7 +105,7 @@ def test_nothing_is_compiled_where_jit_is_off(folder):
         return 2 * x
 
     with jax.disable_jit():
-        assert KeptFunction("double", double, ())(jnp.ones(2)).tolist() == [2, 2]
+        assert keep_function("double", double, ())(jnp.ones(2)).tolist() == [2, 2]
         run = get_program(Recipe("double-off", double, shapes_of(jnp.ones(2)), ()))
         assert run(jnp.ones(2))[0].tolist() == [2, 2]
     assert not isinstance(seen[0], Tracer)
@@ -113,7 +113,7 @@ def test_nothing_is_compiled_where_jit_is_off(folder):
 
 
 def test_a_kept_function_is_itself_under_jit(folder):
-    double = KeptFunction("double", lambda x: 2 * x, None)
+    double = keep_function("double", lambda x: 2 * x, None)
     np.testing.assert_array_equal(double(PAIR[0]), [0, 2, 4])
     np.testing.assert_array_equal(jax.jit(lambda x: double(x) + 1)(PAIR[0]), [1, 3, 5])
     assert len(files(folder)) == 1
