@@ -52,8 +52,8 @@ class Needs:
 class AtRest(Protocol):
     """Objects of a method that rest on the host, while its memory has slots for others."""
 
-    def make_room(self, state: Any, static: Static, needed: int) -> Any:
-        """The memory with so many slots free that they suffice; None if that cannot be."""
+    def make_room(self, state: Any, seen: Any, static: Static, needed: int) -> Any:
+        """The memory with so many slots that the frame fits; None if that cannot be."""
         ...
 
     def rest(self, state: Any, static: Static, num: int) -> Any:

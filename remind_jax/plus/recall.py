@@ -58,11 +58,16 @@ class ObjectsAtRest:
         self.archive = Archive()
         self._came: dict[int, int] = {}  # frame in which an object was last brought
 
-    def make_room(self, state: PlusState, static: Static, needed: int) -> PlusState | None:
+    def make_room(
+        self, state: PlusState, seen: Any, static: Static, needed: int
+    ) -> PlusState | None:
         """Rests what was longest out of view until so many slots suffice.
 
+        What looks like a detection of the frame goes last.
+
         Args:
-          state: The memory, on the host.
+          state: The memory before the frame, on the host.
+          seen: The frame as `describe` gives it.
           static: Its capacities.
           needed: Slots that the frame needs in all.
 
@@ -74,6 +79,8 @@ class ObjectsAtRest:
         idle = self._idle(state)
         if lacking > len(idle):
             return None
+        alike = self._wanted(state, *_ask(state, seen))[1]
+        idle.sort(key=lambda slot: alike[slot])
         spare = static.num_objects // SPARE_SHARE
         return self._rest(state, static, idle[: max(0, lacking) + spare])
 
@@ -137,11 +144,10 @@ class ObjectsAtRest:
         """
         if not len(self.archive):
             return None
-        sightings = jax.device_get(seen.sightings)
-        asked = sightings.valid & ~_followed(state, sightings, np.asarray(seen.motion.matrix))
-        if not asked.any():
+        sightings, rows = _ask(state, seen)
+        if not len(rows):
             return None
-        wanted, alike = self._wanted(state, sightings, np.flatnonzero(asked))
+        wanted, alike = self._wanted(state, sightings, rows)
         if not wanted:
             return None
         state = jax.device_get(state)
@@ -218,14 +224,16 @@ class ObjectsAtRest:
         plausible = _usual_cosines(state.scene, PLAUSIBLE)
         clear = _usual_cosines(state.scene, CLEAR)
         names = np.asarray(state.scene.names)
-        of_row, class_id = _names_of(sightings.class_id[rows], index.class_ids, names)
+        present_ids = np.asarray(state.objects.class_id)
+        known = {*index.class_ids, *present_ids[np.asarray(state.objects.exists)].tolist()}
+        of_row, class_id = _names_of(sightings.class_id[rows], known, names)
         if not len(of_row):
             return [], np.zeros(len(bank), bool)
         looks = sightings.look[rows[of_row]]
         found, cosine = index.search(looks, class_id, NUM_ASKED)
         white = Whitener.of(state.scene).whiten(looks, class_id)
         present = white @ bank.reshape(-1, bank.shape[-1]).T
-        same = filled & (class_id[:, None, None] == np.asarray(state.objects.class_id)[:, None])
+        same = filled & (class_id[:, None, None] == present_ids[:, None])
         present = np.where(same, present.reshape(same.shape), -1.0).max(axis=2)
         best = np.full(len(rows), -1.0, np.float32)
         np.maximum.at(best, of_row, np.maximum(present.max(axis=1), cosine[:, 0]))
@@ -276,7 +284,7 @@ def _names_of(
 
     Args:
       class_id: Of each look.
-      known: Classes of objects at rest.
+      known: Classes of all objects.
       names: Times that a tracklet of one class went on as another.
 
     Returns:
@@ -301,6 +309,13 @@ def _usual_cosines(scene: Scene, share: float) -> float:
     weight = np.asarray(scene.cosine_weight) + USUAL_WEIGHT
     other, same = (np.asarray(scene.cosine_sum) + USUAL * USUAL_WEIGHT) / weight
     return float(other + share * (same - other))
+
+
+def _ask(state: PlusState, seen: Any) -> tuple[Any, Int[np.ndarray, "Q"]]:
+    """The detections of a frame on the host, and which of them are asked for."""
+    sightings = jax.device_get(seen.sightings)
+    followed = _followed(state, sightings, np.asarray(seen.motion.matrix))
+    return sightings, np.flatnonzero(sightings.valid & ~followed)
 
 
 def _followed(state: PlusState, sightings: Any, matrix: np.ndarray) -> Bool[np.ndarray, "N"]:

@@ -188,7 +188,8 @@ class GrowingMemory:
                 raise
             if not readout.overflow.objects and not readout.overflow.pending:
                 break
-            self._make_room(int(readout.overflow.objects), int(readout.overflow.pending))
+            lacks = readout.overflow
+            self._make_room(described.seen, int(lacks.objects), int(lacks.pending))
         self._num_steps += 1
         if self._num_steps % _RETURN_EVERY == 0:
             return_freed_memory()
@@ -234,10 +235,10 @@ class GrowingMemory:
         make = self._method.host.at_rest
         return None if make is None else make()
 
-    def _make_room(self, num_objects: int, num_pending: int) -> None:
+    def _make_room(self, seen: Any, num_objects: int, num_pending: int) -> None:
         """After a frame that did not fit: rests objects, or moves into larger capacities."""
         if self.at_rest is not None and num_objects:
-            rested = self.at_rest.make_room(self.state, self.static, num_objects)
+            rested = self.at_rest.make_room(self.state, seen, self.static, num_objects)
             if rested is not None:
                 self.state = rested
                 return

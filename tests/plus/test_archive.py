@@ -178,7 +178,8 @@ def test_what_an_open_tracklet_is_answered_as_does_not_rest():
     assert rested.objects.id[rested.objects.id >= 0].tolist() == [state.objects.id[2]]
 
 
-def test_what_looks_like_a_detection_makes_no_room_for_others():
+@pytest.mark.parametrize("class_id", [0, 1], ids=["", "of a class that none at rest has"])
+def test_what_looks_like_a_detection_makes_no_room_for_others(class_id):
     num, others = STATIC.num_objects, remembered(3)
     state = remembered(num)
     state = dataclasses.replace(state, frame=np.int32(100), next_id=np.int32(9 * num))
@@ -189,11 +190,12 @@ def test_what_looks_like_a_detection_makes_no_room_for_others():
     for objects in (state.objects, others.objects):
         objects.class_id[objects.id >= 0] = 0
         objects.bank[..., :] = np.eye(6)[0]
+    state.objects.class_id[longest] = class_id
     state.objects.bank[longest], others.objects.bank[1] = np.eye(6)[1], np.eye(6)[2]
     state.objects.white_bank[:] = state.objects.bank
     at_rest.archive.rest(dataclasses.replace(others, scene=state.scene), EMPTY, range(3))
     seen = types.SimpleNamespace(
-        sightings=detections(np.zeros((2, 2)), np.eye(6)[1:3]),
+        sightings=detections(np.zeros((2, 2)), np.eye(6)[1:3], class_id=np.array([class_id, 0])),
         motion=types.SimpleNamespace(matrix=np.eye(2, 3)),
     )
     recalled = at_rest.recall(state, seen, STATIC)
@@ -201,6 +203,28 @@ def test_what_looks_like_a_detection_makes_no_room_for_others():
     now = recalled.objects.id.tolist()
     assert others.objects.id[1] in now
     assert state.objects.id[longest] in now
+
+
+def test_what_a_frame_shows_rests_last_when_it_needs_room():
+    num = STATIC.num_objects
+    state = remembered(num)
+    state = dataclasses.replace(state, frame=np.int32(100))
+    state.scene.white_mean[:], state.objects.position[:] = 0.0, 100.0
+    longest = int(np.argmin(state.objects.last))
+    state.objects.bank[..., :] = np.eye(6)[0]
+    state.objects.bank[longest] = np.eye(6)[1]
+    state.objects.white_bank[:] = state.objects.bank
+    class_id = state.objects.class_id[longest, None]
+    seen = types.SimpleNamespace(
+        sightings=detections(np.zeros((1, 2)), np.eye(6)[1:2], class_id=class_id),
+        motion=types.SimpleNamespace(matrix=np.eye(2, 3)),
+    )
+    at_rest = ObjectsAtRest()
+    rested = at_rest.make_room(state, seen, STATIC, num + 2)
+    assert rested is not None
+    assert state.objects.id[longest] in rested.objects.id
+    assert len(at_rest.ids()) == 2 + num // 8
+    assert at_rest.make_room(state, seen, STATIC, 2 * num + 1) is None
 
 
 def test_search_is_exact_however_looks_came_and_went():
