@@ -79,7 +79,7 @@ class ObjectsAtRest:
         idle = self._idle(state)
         if lacking > len(idle):
             return None
-        alike = self._wanted(state, *_ask(state, seen))[1]
+        alike = self._wanted(state, *_asked(state, seen))[1]
         idle.sort(key=lambda slot: alike[slot])
         spare = static.num_objects // SPARE_SHARE
         return self._rest(state, static, idle[: max(0, lacking) + spare])
@@ -144,7 +144,7 @@ class ObjectsAtRest:
         """
         if not len(self.archive):
             return None
-        sightings, rows = _ask(state, seen)
+        sightings, rows = _asked(state, seen)
         if not len(rows):
             return None
         wanted, alike = self._wanted(state, sightings, rows)
@@ -311,7 +311,7 @@ def _usual_cosines(scene: Scene, share: float) -> float:
     return float(other + share * (same - other))
 
 
-def _ask(state: PlusState, seen: Any) -> tuple[Any, Int[np.ndarray, "Q"]]:
+def _asked(state: PlusState, seen: Any) -> tuple[Any, Int[np.ndarray, "Q"]]:
     """The detections of a frame on the host, and which of them are asked for."""
     sightings = jax.device_get(seen.sightings)
     followed = _followed(state, sightings, np.asarray(seen.motion.matrix))

@@ -46,7 +46,7 @@ PRESSED = {"num_detections": 3 / 4, "num_objects": 1 / 2, "num_pending": 3 / 4}
 
 # Room that so many frames in a row had no use for goes; after the first of them the program of what
 # is left is made.
-CALM_FRAMES, CALM_AT_FIRST = 50, 10
+UNUSED_FRAMES, UNUSED_AT_FIRST = 50, 10
 
 # Frames after which freed memory goes back: what a compiler freed lies scattered, and a loop would
 # touch more and more of its pages.
@@ -101,7 +101,7 @@ class GrowingMemory:
         self._method = method
         self._num_steps = 0
         self._placed: tuple[Any, Packed | None] = (None, None)  # thresholds on the device
-        self._lately = collections.deque[int](maxlen=CALM_FRAMES)  # detections of the last frames
+        self._lately = collections.deque[int](maxlen=UNUSED_FRAMES)  # detections of the last frames
         self.at_rest: AtRest | None = self._new_rest()
         self.static = self._reserved = self._grown(static)
 
@@ -328,11 +328,11 @@ class GrowingMemory:
         if self.at_rest is None or self.static.num_detections <= self._reserved.num_detections:
             return
         lately = list(self._lately)
-        soon = self._smaller(max(lately[-CALM_AT_FIRST:]))
-        if len(lately) >= CALM_AT_FIRST and soon != self.static:
+        soon = self._smaller(max(lately[-UNUSED_AT_FIRST:]))
+        if len(lately) >= UNUSED_AT_FIRST and soon != self.static:
             self.ahead.start(soon, lambda: self._prepare(make_input, soon))
         smaller = self._smaller(max(lately))
-        if len(lately) < CALM_FRAMES or smaller == self.static:
+        if len(lately) < UNUSED_FRAMES or smaller == self.static:
             return
         shrunk = self.at_rest.shrink(self.state, self.static, smaller)
         if shrunk is not None:

@@ -69,7 +69,7 @@ def crowd(index: int) -> tuple[np.ndarray, Detections]:
 
 
 def test_room_for_a_crowd_goes_when_it_is_over_and_no_answer_changes(monkeypatch):
-    monkeypatch.setattr(growing_memory, "CALM_FRAMES", 5)
+    monkeypatch.setattr(growing_memory, "UNUSED_FRAMES", 5)
     static = {"num_detections": 4, "num_objects": 32}
 
     def follow() -> tuple[list, list[int]]:
@@ -91,7 +91,7 @@ def test_room_for_a_crowd_goes_when_it_is_over_and_no_answer_changes(monkeypatch
 
 
 def test_room_that_was_asked_for_stays(monkeypatch):
-    monkeypatch.setattr(growing_memory, "CALM_FRAMES", 2)
+    monkeypatch.setattr(growing_memory, "UNUSED_FRAMES", 2)
     tracker = Tracker({"static": {"num_detections": 4, "num_objects": 32}})
     tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_detections=16)
     for index in (0, 2, 3):

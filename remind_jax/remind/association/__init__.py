@@ -1,1 +1,4 @@
-"""Who is who: similarity, gates, locks, assignment (method.md#comparison, method.md#assignment)."""
+"""Who is who: similarity, gating, locks and the joint assignment (paper III-E).
+
+Rules: method.md#comparison, method.md#assignment.
+"""

@@ -1,4 +1,7 @@
-"""Who is who, jointly: clear wins first (method.md#locks, method.md#joint-assignment)."""
+"""Who is who, jointly: locks of clear wins, then one assignment.
+
+Rules: method.md#locks, method.md#joint-assignment.
+"""
 
 from __future__ import annotations
 

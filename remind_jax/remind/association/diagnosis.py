@@ -1,4 +1,7 @@
-"""How clear is the evidence for each detection? (method.md#reliable-anchors, method.md#status)."""
+"""How clear is the evidence for each detection? (paper III-E).
+
+Rules: method.md#reliable-anchors, method.md#status.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""How similar are detections and objects? (method.md#channel-scores, method.md#visual-score).
+"""How similar is each detection to each object? (paper III-E).
+
+Rules: method.md#channel-scores, method.md#visual-score.
 
 Scores of channels are collapsed to four terms, and the terms averaged by weights that carry the
 quality of the observation. An absent value is not zero: presence travels beside every score.

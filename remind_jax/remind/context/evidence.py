@@ -1,4 +1,7 @@
-"""Who was seen with whom (method.md#conditional-probability, method.md#maturity)."""
+"""What past episodes show of who is seen with whom (paper III-D).
+
+Rules: method.md#conditional-probability, method.md#maturity.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Who is seen with whom: every object counts the others around it (method.md#episodes).
+"""Who is seen with whom: every object counts the others around it (paper III-D).
+
+Rule: method.md#episodes.
 
 Objects count episodes, not frames: an episode is a sighting in new surroundings, or after some
 time in the same ones. Letters: `N` detections, `O` object slots;

@@ -1,4 +1,6 @@
-"""How far apart objects are: means by pair and by three (method.md#distance-episodes).
+"""How far apart objects are: running means per pair and per three (paper III-D).
+
+Rule: method.md#distance-episodes.
 
 Between two episodes an object collects its relations to the others in view; an episode condenses
 them to one value each, by medians in float32. Letters: `N`

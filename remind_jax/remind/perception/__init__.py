@@ -1,1 +1,4 @@
-"""What each detection looks like: pooling, parts, rings (method.md#perception)."""
+"""What does each detection look like: pooling, parts, rings.
+
+Rules: method.md#perception (paper III-B).
+"""

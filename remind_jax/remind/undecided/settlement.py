@@ -1,4 +1,7 @@
-"""Who stays undecided? (method.md#settlement-rounds, method.md#entry-priority)."""
+"""Who stays undecided? Guards after the assignment and their reconciliation.
+
+Rules: method.md#settlement-rounds, method.md#entry-priority.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Assignments too close to call (method.md#identity-stability, method.md#stability-entries).
+"""Assignments among look-alikes that are too close to call.
+
+Rules: method.md#identity-stability, method.md#stability-entries.
 
 Matched detections of a class and their objects form components of rivals. In a small component the
 two best complete assignments are compared; a component that leans on rescued pairs is solved again
