@@ -95,7 +95,10 @@ class FrameStep:
 
     def prepare(self, frame_input: FrameInput, static: Static) -> None:
         """Makes the programs for inputs of such sizes, in whatever thread this is."""
-        self._programs(*jax.tree.flatten(frame_input), static)
+        programs = self._programs(*jax.tree.flatten(frame_input), static)
+        if self._method.host.at_rest is not None:
+            # The frame that first asks would wait for a trace, where the program was kept.
+            programs.seen_structure()
 
     def programs(self) -> list[Program]:
         """Those made so far."""

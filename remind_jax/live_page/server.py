@@ -179,6 +179,10 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "remind-jax", ""
     error_message_format, error_content_type = "%(code)d %(message)s\n", "text/plain"
 
+    def do_HEAD(self) -> None:
+        """As `do_GET`, headers only."""
+        self.do_GET()
+
     def do_GET(self) -> None:
         """Answers, or refuses."""
         if not is_known_host(self.headers.get("Host"), self.server.bound):
@@ -221,7 +225,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
         self.end_headers()
-        self.wfile.write(content)
+        if self.command != "HEAD":
+            self.wfile.write(content)
 
     def end_headers(self) -> None:
         """Sends the headers, those that every answer has among them."""

@@ -1,4 +1,7 @@
-"""A run for Foxglove: an MCAP file of its standard messages, times of the source from 1970 on."""
+"""A run for Foxglove: an MCAP file of its standard messages.
+
+Times are those of the source: from 1970 on of recordings, the clock's of what is live.
+"""
 
 from __future__ import annotations
 
@@ -38,8 +41,15 @@ _TRACKS_SCHEMA = {
 class McapRecord(contextlib.AbstractContextManager):
     """Writes a run frame by frame."""
 
-    def __init__(self, path: str | Path) -> None:
-        """Writes nothing yet. Raises ConfigError if Foxglove's library is not installed."""
+    def __init__(self, path: str | Path, opened_s: float = 0.0) -> None:
+        """Writes nothing yet.
+
+        Args:
+          opened_s: Time 0 of the source, in seconds from 1970 on.
+
+        Raises:
+          ConfigError: If Foxglove's library is not installed.
+        """
         try:
             import foxglove
             from foxglove import channels, messages
@@ -49,6 +59,7 @@ class McapRecord(contextlib.AbstractContextManager):
                 "pip install 'remind-jax[viewers]'"
             ) from error
         self._messages, self._open, self._path = messages, foxglove.open_mcap, path
+        self._opened_s = opened_s
         self._context = context = foxglove.Context()  # its channels end with it
         self._image = channels.CompressedImageChannel("/camera/image", context=context)
         self._annotations = channels.ImageAnnotationsChannel("/remind/annotations", context=context)
@@ -71,7 +82,7 @@ class McapRecord(contextlib.AbstractContextManager):
 
     def add(self, frame: Frame, tracks: Tracks) -> None:
         """Writes one frame."""
-        time_ns = round(1e9 * max(0.0, float(tracks.time_s)))
+        time_ns = round(1e9 * (self._opened_s + max(0.0, float(tracks.time_s))))
         stamp = self._messages.Timestamp(time_ns // 1_000_000_000, time_ns % 1_000_000_000)
         if frame.image is not None:
             data = encode_jpeg(frame.image, _JPEG_QUALITY)

@@ -169,7 +169,8 @@ def run(
         if mcap is not None:
             from remind_jax.outputs.mcap_record import McapRecord
 
-            viewers.append(McapRecord(mcap))
+            opened_s = frames.opened_at.timestamp() if isinstance(frames, LiveSource) else 0.0
+            viewers.append(McapRecord(mcap, opened_s))
         stack.enter_context(files.locked(checkpoints.run_folder))
         return run_into(
             loop,

@@ -136,6 +136,9 @@ class LiveSource(SampledSource):
     """A source that goes on by itself, until it ends, `stop` is called or its time is over.
 
     The size of its frames may change.
+
+    Attributes:
+      opened_at: Nearly the moment of its time 0.
     """
 
     def __init__(self, reader: LiveReader, sampling: Sampling) -> None:
@@ -144,7 +147,7 @@ class LiveSource(SampledSource):
         self._news: list[str] = []
         self._left_out_since: float | None = None  # None if the last picture was used
         self._is_used = True
-        self._opened_at = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
+        self.opened_at = datetime.datetime.now(datetime.UTC)
 
     def __iter__(self) -> Iterator[Frame]:
         """As of every source; a frame that nobody leaves out (`leave_out`) is used."""
@@ -190,8 +193,9 @@ class LiveSource(SampledSource):
         return 0.0 if origin is None else time.monotonic() - origin - frame.time_s
 
     def describe(self) -> dict[str, Any]:
-        """What it is, as JSON; it cannot be opened again, `opened_at` is its time 0 nearly."""
-        return {**super().describe(), "address": self._live.shown, "opened_at": self._opened_at}
+        """What it is, as JSON; it cannot be opened again."""
+        opened_at = self.opened_at.isoformat(timespec="milliseconds")
+        return {**super().describe(), "address": self._live.shown, "opened_at": opened_at}
 
 
 def open_live(

@@ -64,7 +64,7 @@ class SweepResult(Printable):
             f"sweep of {size}{stopped}; best {metric} first",
             heads=("setting", *self.metrics),
             rows=[
-                (show_setting(best.setting), *(f"{best.scores[m]:.3f}" for m in self.metrics))
+                (show_setting(best.setting), *(_show_score(best.scores[m]) for m in self.metrics))
                 for best in self.best(metric, len(self.settings))
             ],
         )
@@ -143,7 +143,7 @@ class SweepResult(Printable):
             (
                 str(standing.index),
                 *(_show(standing.setting.get(name, "")) for name in names),
-                *(f"{standing.scores[metric]:.3f}" for metric in self.metrics),
+                *(_show_score(standing.scores[metric]) for metric in self.metrics),
             )
             for standing in chosen
         ]
@@ -173,3 +173,7 @@ def show_setting(setting: Setting) -> str:
 
 def _show(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _show_score(score: float) -> str:
+    return "-" if math.isnan(score) else f"{score:.3f}"

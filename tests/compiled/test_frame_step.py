@@ -9,6 +9,7 @@ import pytest
 
 from remind_jax.compiled import frame_step
 from remind_jax.compiled.frame_step import FrameInput, FrameStep
+from remind_jax.compiled.programs import clear_programs
 from remind_jax.method import get_method
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
@@ -106,6 +107,19 @@ def test_a_trace_changes_no_decision(name):
         np.testing.assert_array_equal(one.object_id, other.object_id)
     assert traced.trace is not None
     assert plain.trace is None
+
+
+@HEAVY
+@pytest.mark.usefixtures("folder")
+def test_after_a_warm_up_nothing_is_traced_to_ask_what_a_frame_showed(monkeypatch):
+    for _ in range(2):  # made anew, and kept
+        clear_programs()
+        tracker = make("plus")
+        tracker.warm_up(scenes.picture(0)[0].shape[:2])
+    given = _input_of(tracker, 0)
+    described = tracker._memory.frame_step.describe(given, tracker.static)
+    monkeypatch.setattr(jax, "eval_shape", None)
+    assert described.seen is not None
 
 
 def test_a_method_that_is_defined_anew_is_compiled_anew():

@@ -90,6 +90,12 @@ def test_what_there_is_not(page, path):
     assert answer.headers["Content-Security-Policy"]
 
 
+def test_headers_alone_are_those_of_the_page(page):
+    answer, content = ask(page, method="HEAD")
+    assert (answer.status, content) == (200, b"")
+    assert answer.headers["Content-Length"] == str(len(ask(page)[1]))
+
+
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "CONNECT"])
 def test_nothing_can_be_changed(page, method):
     assert ask(page, method=method)[0].status == 501

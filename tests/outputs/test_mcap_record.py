@@ -47,6 +47,15 @@ def test_the_schema_of_tracks_has_a_name(path):
     assert "remind.Tracks" in {schema.name for schema in summary.schemas.values()}
 
 
+def test_what_is_live_is_recorded_at_the_time_of_the_clock(run, tmp_path):
+    frames, result = run
+    with McapRecord(tmp_path / "out.mcap", 1_800_000_000.0) as record:
+        record.add(frames[1], result.tracks[1])
+    with (tmp_path / "out.mcap").open("rb") as file:
+        times = {message.log_time for *_, message in make_reader(file).iter_messages()}
+    assert times == {round(1e9 * (1_800_000_000.0 + frames[1].time_s))}
+
+
 def test_times_are_those_of_the_source(messages, run):
     frames, _ = run
     assert set(messages) == {"/camera/image", "/remind/annotations", "/remind/tracks"}

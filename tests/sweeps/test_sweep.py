@@ -22,6 +22,7 @@ from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.scene_arrays import describe_scene, load_scene
 from remind_jax.sweeps.settings import complete
 from tests import tiny_world as world
+from tests.sweeps.fake_bench import FakeBench
 from tests.sweeps.tiny_sweep import CONFIG, SCENES, SETTINGS
 
 # What is kept and done again does not depend on who decides.
@@ -77,6 +78,12 @@ def test_damaged_rows_are_made_again(tmp_path):
     assert found[key].setting == row.setting
     # Tables show 5 and 5.0 as they are.
     assert str(found[key]) == str(row)
+
+
+def test_a_score_that_no_scene_has_is_shown_as_nothing():
+    result = FakeBench(lambda setting, scene: {"IDF1": 0.5, "Recovery": math.nan}).run([{}])
+    assert result.to_markdown().splitlines()[-1] == "| 0 | 0.500 | - |"
+    assert "nan" not in str(result)
 
 
 @pytest.mark.parametrize("data", [b"hello\n", b"\xff\xfe\x00", b"[1]\n", b"\x80" * 50])
