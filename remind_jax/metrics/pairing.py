@@ -167,9 +167,15 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
             )
         notes.append(f"{num_left_out} predicted frames that the truth lacks are left out{why}")
     looked_at = np.unique(place[place != NOT_ALIGNED])
-    if prediction.is_sampled and len(looked_at) < truth.num_frames:
+    num_lacking = truth.num_frames - len(looked_at)
+    if prediction.is_sampled and num_lacking:
         notes.append(f"{len(looked_at)} of {truth.num_frames} frames were processed")
         truth, moved = (_keep_frames(side, looked_at) for side in (truth, moved))
+    elif truth.frame_names and prediction.frame_names and num_lacking:
+        notes.append(
+            f"{num_lacking} of {truth.num_frames} frames are not in the predictions and count as "
+            "missed; where a run left them out, give its folder"
+        )
     return truth, moved, tuple(notes)
 
 

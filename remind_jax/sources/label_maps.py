@@ -136,7 +136,8 @@ class LabelMaps:
         for file in self._file_of.values():
             with contextlib.suppress(UnreadableFrame):
                 all_ids.update(self._ids_in(self._read(file)))
-        require_classes(self._classes, all_ids, str(self._folder))
+        skip = ", or open the source with unlabelled='skip'"
+        require_classes(self._classes, all_ids, str(self._folder), skip)
 
 
 def list_maps(folder: Path) -> list[str]:
@@ -162,8 +163,13 @@ def masks_of(labels: Integer[np.ndarray, "H W"], ids: Sequence[int]) -> Bool[np.
     return masks
 
 
-def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str) -> None:
+def require_classes(
+    classes: ClassNames, instance_ids: Iterable[int], place: str, otherwise: str = ""
+) -> None:
     """Asks for a class of every instance.
+
+    Args:
+      otherwise: What else can be done, for the sentence.
 
     Raises:
       SourceError: If some have none; it names all of them and the file to mend.
@@ -172,7 +178,7 @@ def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str
     if missing:
         raise SourceError(
             f"instances {', '.join(map(str, missing))} in '{place}' have no class; add them to "
-            f"'{classes.file}' (null leaves one out), or open the source with unlabelled='skip'"
+            f"'{classes.file}' (null leaves one out){otherwise}"
         )
 
 

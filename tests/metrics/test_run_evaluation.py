@@ -91,6 +91,13 @@ def test_only_processed_frames_are_evaluated(tmp_path: Path, truth: Path):
     assert evaluation.scores()["GT_Dets"] == 5
 
 
+def test_frames_that_a_file_of_tracks_lacks_are_told(tmp_path: Path, truth: Path):
+    coco = tmp_path / "coco_video.json"
+    coco.write_text(json.dumps(coco_video(make_run()[::2], [*CLASSES.values()], "rooms", 10.0)))
+    (note,) = evaluate(truth, coco).notes
+    assert note.startswith("2 of 5 frames are not in the predictions and count as missed")
+
+
 def test_outputs_of_one_strided_run_agree_whichever_is_the_truth(tmp_path: Path):
     run = [dataclasses.replace(frame, frame_index=at) for at, frame in enumerate(make_run()[::2])]
     classes = [*CLASSES.values()]
