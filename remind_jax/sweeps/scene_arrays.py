@@ -94,12 +94,14 @@ class SceneFrames:
     def capacities(self) -> dict[str, int]:
         """Slots for what is in the scene, and for what a frame may add to it, by name.
 
-        They are rounded, so that scenes of about the same size share programs.
+        They are rounded, so that scenes of about the same size share programs. Under most settings
+        every second object at most is taken for a new one on a return; where there is no room for
+        that, a larger program is compiled before the first result.
         """
         most = self.most_detections
         needed = {
             "num_detections": most,
-            "num_objects": self.truth.num_objects + most,
+            "num_objects": self.truth.num_objects * 3 // 2 + most,
             "num_pending": most,
         }
         return {name: _round_up(max(1, count)) for name, count in needed.items()}
