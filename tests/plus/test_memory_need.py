@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.plus.memory_need import count_bytes
 from remind_jax.plus.state import init
+from remind_jax.plus.static import count_bytes
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
