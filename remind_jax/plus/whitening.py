@@ -158,11 +158,11 @@ def renew_whitening(
     due &= scene.total_weight > 0
 
     def renew(_: Array, before: tuple[Array, ...]) -> tuple[Array, ...]:
-        sums = {
-            "total": sum_up(scene.total, scene.recent_looks, scene.looks_fade),
-            "within": sum_up(scene.within, scene.recent_steps, scene.steps_fade),
-        }
-        renewed = _refit(dataclasses.replace(scene, **sums), sightings, believed, t.looks)
+        total, within, white_bank = before[0], before[1], before[-1]
+        total = sum_up(total, scene.recent_looks, scene.looks_fade)
+        within = sum_up(within, scene.recent_steps, scene.steps_fade)
+        renewed = dataclasses.replace(scene, total=total, within=within)
+        renewed = _refit(renewed, sightings, believed, t.looks)
         renewed = dataclasses.replace(renewed, class_offset=_offset_classes(objects, renewed, t))
 
         def whiten_banks(rows_of: Callable[[Array], Array]) -> Float[Array, "B K E"]:
@@ -170,11 +170,11 @@ def renew_whitening(
             kept = rows_of(objects.bank_count)[..., None] > 0
             return jnp.where(kept, whiten(renewed, rows_of(objects.bank) - offset), 0.0)
 
-        white_bank = fill_blocks(whiten_banks, objects.exists, before[-1], OBJECTS_BLOCK)
+        white_bank = fill_blocks(whiten_banks, objects.exists, white_bank, OBJECTS_BLOCK)
         return *(getattr(renewed, name) for name in _RENEWED), white_bank
 
     # Only what is made anew is handed on, and by a loop of one turn or none: a branch would copy
-    # what stays.
+    # what stays, as would a turn that reads from `scene` what it is handed.
     before = *(getattr(scene, name) for name in _RENEWED), objects.white_bank
     *now, white_bank = count_up(due.astype(jnp.int32), renew, before)
     return (

@@ -143,16 +143,6 @@ def test_a_file_is_written_anew_before_it_is_three_times_as_large(path, begun):
     assert_same(load_memory(path), life.memory)
 
 
-def test_a_file_that_somebody_else_wrote_stays(path, begun):
-    (life, file), other = begun, Life()
-    other.go_on(9)
-    save_memory(path, other.memory)
-    for _ in range(2):
-        with pytest.raises(OutputError, match="changed by another program"):
-            file.update(life.memory)
-    assert_same(load_memory(path), other.memory)
-
-
 def test_a_file_that_is_gone_is_written_anew(path, begun):
     life, file = begun
     path.unlink()
