@@ -68,10 +68,6 @@ def conclude(
     Args:
       here: Tracklets of the detections, before the decisions.
       objects: Objects, before any is created.
-      is_open: Which tracklets were open.
-      shortlist: Their candidates.
-      weighed: Evidence of these in the end.
-      choice: What was decided.
     """
 
     def id_of(slot: Int[Array, "*any"]) -> Int[Array, "*any"]:
@@ -120,15 +116,11 @@ def report(
     decided one keeps its firm answer until it passed to another thing more likely than not.
 
     Args:
-      verdicts: Decisions.
       belief: Probability of each candidate.
       moves: How far each answer is an object that moves of its own.
       stays: How far things of its class stay where they are.
       here: Tracklets of the detections, before the decisions.
       present: Detection slots that hold a mask.
-      sightings: Detections.
-      static: Capacities.
-      t: When an answer is firm.
     """
     seen = verdicts.tracklet_id != NO_ID
     is_own = verdicts.answer_id == verdicts.tracklet_id
@@ -232,10 +224,8 @@ def _shown_candidates(
     """The most probable candidates, as all trackers show them.
 
     Args:
-      verdicts: Decisions.
       ordered: Probabilities, falling.
       ranked: Which candidates have those.
-      width: Candidates that are shown.
     """
 
     def show(values: Array, blank: float) -> Array:

@@ -12,14 +12,14 @@ Letters: `O` object slots, `K` kept looks per object, `D` feature dimension, `P`
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
 
 import jax
 import numpy as np
 from jaxtyping import Float, Int
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
+from remind_jax.plus.forgetting import clear_objects
 from remind_jax.plus.look_index import LookIndex, Owner, Whitener
 from remind_jax.plus.state import NO_RELATION, Objects, Pairs, PlusState
 
@@ -107,11 +107,7 @@ class Archive:
         return partners + len(self) * of_one + looks * of_look
 
     def looks(self, state: PlusState) -> LookIndex:
-        """Looks of all of them, whitened anew if that is due.
-
-        Args:
-          state: The memory beside it.
-        """
+        """Looks of all of them, whitened anew if that is due; `state` is the memory beside it."""
         now = int(state.ticks)
         if self._looks is None or now - self._looks.ticks > min(self._looks.ticks / 2, MAX_TICKS):
             self._looks = LookIndex(Whitener.of(state.scene), now)
@@ -122,28 +118,23 @@ class Archive:
         """Whom it was seen with, as far as it rested since: fields `id`, `covisible` and others."""
         return self._partners.get(object_id, NO_PARTNERS)
 
-    def rest(self, state: PlusState, empty: PlusState, slots: Sequence[int]) -> PlusState:
+    def rest_slots(self, state: PlusState, empty: PlusState, slots: Sequence[int]) -> PlusState:
         """Takes objects out of a memory of host arrays; gives the memory without them.
 
         Args:
           state: The memory; no tracklet holds these objects.
           empty: A memory without objects, of the same capacities.
-          slots: Where they lie.
         """
         objects, pairs = state.objects, state.pairs
         for slot in slots:
             self._partners[int(objects.id[slot])] = self._partners_of(objects, pairs, slot)
         self._put([_copied(objects, slot) for slot in slots], state)
-        return _cleared(state, empty, np.asarray(slots, int))
+        return clear_objects(state, empty, np.asarray(slots, int))
 
     def with_working_set(
         self, state: PlusState
     ) -> tuple[dict[int, Resting], dict[int, np.ndarray]]:
-        """All objects of a memory, at rest or not, and the partners of each; nothing changes.
-
-        Args:
-          state: The memory beside it, host arrays.
-        """
+        """All objects of a memory of host arrays, at rest or not, and the partners of each."""
         objects = state.objects
         slots = np.flatnonzero(objects.id != NO_ID).tolist()
         present = [_copied(objects, slot) for slot in slots]
@@ -169,7 +160,6 @@ class Archive:
 
         Args:
           state: The memory, which has room for them.
-          ids: Of objects at rest.
           center: Of the frame, in frame units; somewhere around it they are.
         """
         whitener = Whitener.of(state.scene)
@@ -205,21 +195,27 @@ class Archive:
         for object_id in {*np.asarray(state.objects.id).tolist()} & self._resting.keys():
             self._let_go(object_id)
 
-    def forget(self, ids: Collection[int]) -> None:
+    def forget(self, ids: Iterable[int]) -> None:
         """Lets objects go, at rest or not, with all that was known of them beside others."""
-        for object_id in set(ids) & set(self._resting):
+        gone = set(ids)
+        for object_id in gone & self._resting.keys():
             self._let_go(object_id)
-        for object_id in set(ids) & set(self._partners):
+        for object_id in gone & self._partners.keys():
             del self._partners[object_id]
 
-    def least_known(self, num: int) -> list[int]:
-        """Ids of so many objects at rest that were seen in fewest frames, of these the earliest."""
+    def forget_least_known(self, num: int) -> list[int]:
+        """Lets so many objects at rest go; gives their ids.
+
+        First those that were seen in fewest frames, of these the earliest.
+        """
 
         def worth(object_id: int) -> tuple[int, int]:
             values = self._resting[object_id].values
             return int(values["seen"]), int(values["last"])
 
-        return sorted(self._resting, key=worth)[:num]
+        gone = sorted(self._resting, key=worth)[:num]
+        self.forget(gone)
+        return gone
 
     def snapshot(self) -> Snapshot:
         """What it holds now."""
@@ -256,22 +252,19 @@ class Archive:
             found |= self._looks.tensors()
         return found
 
-    @classmethod
-    def restored(
-        cls, parts: Sequence[Mapping[str, np.ndarray]], state: PlusState, num_classes: int
-    ) -> Archive:
-        """What `tensors` gave.
+    def restore(
+        self, parts: Sequence[Mapping[str, np.ndarray]], state: PlusState, num_classes: int
+    ) -> None:
+        """Goes on from what `tensors` gave.
 
         Args:
           parts: The first of everything, each other one of what changed since the one before.
-          state: The memory beside it.
-          num_classes: Classes that there are.
 
         Raises:
           ValueError: If they do not belong together.
           KeyError: If one is missing.
         """
-        archive, resting = cls(), {}
+        resting, all_partners, looks = {}, {}, None
         for tensors in parts:
             holds_objects = not tensors.keys().isdisjoint(_COPIED)
             changed = _resting_of(tensors, state.objects) if holds_objects else {}
@@ -279,26 +272,24 @@ class Archive:
                 resting.pop(one, None)  # what rests anew comes last, as it did
             resting |= changed
             for one in tensors.get("partners_gone", _whole([])).tolist():
-                archive._partners.pop(one, None)
+                all_partners.pop(one, None)
             if "partners_of" in tensors or changed:
-                archive._partners |= _partners_in(tensors)
+                all_partners |= _partners_in(tensors)
             if any(name.startswith("whitener.") for name in tensors):
-                archive._looks = LookIndex.restored(tensors, Whitener.of(state.scene))
+                looks = LookIndex.restored(tensors, Whitener.of(state.scene))
         _check(resting, state, num_classes)
-        archive._resting = resting
-        if archive._looks is not None:  # earlier files lack it
-            archive._looks.add([one.owner for one in resting.values()])
-        return archive
+        if looks is not None:  # earlier files lack it
+            looks.add([one.owner for one in resting.values()])
+        self._resting, self._partners, self._looks = resting, all_partners, looks
 
     def _put(self, resting: Sequence[Resting], state: PlusState) -> None:
         self.looks(state).add([one.owner for one in resting])
         self._resting |= {one.id: one for one in resting}
 
-    def _let_go(self, object_id: int) -> Resting:
+    def _let_go(self, object_id: int) -> None:
         one = self._resting.pop(object_id)
         if self._looks is not None:
             self._looks.remove(one.owner)
-        return one
 
     def _partners_of(self, objects: Objects, pairs: Pairs, slot: int) -> np.ndarray:
         """Its nearest partners: as they are in the working set, and as they were before."""
@@ -397,23 +388,3 @@ def _relate(
         leaf = getattr(pairs, name)
         leaf[slots, others] = partners[name]
         leaf[others, slots] = sign * partners[name]
-
-
-def _cleared(state: PlusState, empty: PlusState, slots: Int[np.ndarray, "R"]) -> PlusState:
-    """The memory with these slots as in an empty one."""
-
-    def clear(leaf: Any, blank: Any) -> np.ndarray:
-        leaf = np.array(leaf)
-        leaf[slots] = np.asarray(blank)[slots]
-        return leaf
-
-    def clear_pairs(leaf: Any, blank: Any) -> np.ndarray:
-        leaf, blank = clear(leaf, blank), np.asarray(blank)
-        leaf[:, slots] = blank[:, slots]
-        return leaf
-
-    return dataclasses.replace(
-        state,
-        objects=jax.tree.map(clear, state.objects, empty.objects),
-        pairs=jax.tree.map(clear_pairs, state.pairs, empty.pairs),
-    )

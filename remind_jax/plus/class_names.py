@@ -51,9 +51,7 @@ def learn_names(
     """Counts which names tracklets go on under.
 
     Args:
-      scene: Statistics so far.
       before: Class of the tracklet that each detection goes on with.
-      now: Class of the detection.
       weight: How much it teaches; 0 where nothing goes on.
     """
     rows = name_row(before), name_row(now)
@@ -73,8 +71,6 @@ def vote(
     Boyer and Moore's vote: right wherever one class has more than half of all.
 
     Args:
-      class_id: The class so far.
-      lead: Detections by which it leads.
       named: Class of the next detection.
       votes: Where there is one.
     """

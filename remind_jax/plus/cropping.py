@@ -42,9 +42,7 @@ def find_cropped(
 
     Args:
       tracklets: Tracklets, carried to this frame.
-      sightings: Detections.
       overlap: Intersection over union of their boxes as they are.
-      t: How alike the boxes must be.
     """
     cropped = cropped_overlap(sightings.box, tracklets.box)
     renamed = sightings.class_id[:, None] != tracklets.last_class
@@ -66,11 +64,9 @@ def find_doubles(
     change between their names, the one that goes on with a tracklet if the other does not.
 
     Args:
-      sightings: Detections.
       origin: The tracklet that each of them goes on with.
       age: The detections of that so far, 0 where there is none.
       confused: Log odds that one thing has both names (`confusion_odds`).
-      t: How alike the boxes must be.
 
     Returns:
       The detection that stays for each, NO_SLOT for those that stay.

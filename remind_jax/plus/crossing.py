@@ -45,7 +45,6 @@ def course_odds(tracklets: Tracklets, box: Float[Array, "N 4"]) -> Float[Array, 
 
     Args:
       tracklets: Tracklets, carried to this frame.
-      box: Boxes of detections.
     """
     met = tracklets.met
     error = SIZE_ERROR * tracklets.size + TICK_ERROR * met * (1.0 + met / DOUBLING)
@@ -64,9 +63,7 @@ def follow_courses(
 
     Args:
       tracklets: Tracklets after this frame, those of its detections first; courses carried to it.
-      linked: Detections that go on with one of before.
       gap: Ticks since that was seen.
-      tick: Time since the last frame, one tick at most.
     """
     num, box, met = len(linked), tracklets.box, tracklets.met
     here, waiting = (

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
+from operator import itemgetter
 
 import numpy as np
 
@@ -46,10 +46,6 @@ LENGTHENED = ("objects.bank", "objects.bank_count", "objects.white_bank")
 GONE_LEAVES = ("answers.merged_id",)
 
 
-def _leaf(name: str, file: Mapping[str, np.ndarray]) -> np.ndarray:
-    return file[name]
-
-
 def _is_object(file: Mapping[str, np.ndarray]) -> np.ndarray:
     return file["objects.id"] != NO_ID
 
@@ -66,15 +62,15 @@ def _frames_unseen(file: Mapping[str, np.ndarray]) -> np.ndarray:
 NEW_LEAVES: dict[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] = {
     "ticks": None,
     "phase": None,
-    "objects.class_lead": functools.partial(_leaf, "objects.seen"),
+    "objects.class_lead": itemgetter("objects.seen"),
     "objects.visits": _is_object,
-    "tracklets.class_lead": functools.partial(_leaf, "tracklets.age"),
+    "tracklets.class_lead": itemgetter("tracklets.age"),
     "tracklets.course": _corners_middle,
-    "tracklets.duration": functools.partial(_leaf, "tracklets.age"),
-    "tracklets.last_class": functools.partial(_leaf, "tracklets.class_id"),
+    "tracklets.duration": itemgetter("tracklets.age"),
+    "tracklets.last_class": itemgetter("tracklets.class_id"),
     "tracklets.met": None,
     "tracklets.met_id": None,
-    "tracklets.pace": functools.partial(_leaf, "tracklets.drift"),
+    "tracklets.pace": itemgetter("tracklets.drift"),
     "tracklets.trust": None,
     "tracklets.unseen": _frames_unseen,
     "scene.class_cosines": None,

@@ -11,14 +11,13 @@ import dataclasses
 import functools
 import math
 import operator
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import fill_blocks
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.pytree import pytree
@@ -86,8 +85,8 @@ class OwnEvidence:
         return tuple(field.name for field in dataclasses.fields(cls))
 
     def total(self) -> Float[Array, "N X"]:
-        """Log odds of what it has alone."""
-        return _add_up(getattr(self, name) for name in OwnEvidence.kinds())
+        """Log odds of all of it, added up in their order."""
+        return functools.reduce(operator.add, vars(self).values())
 
 
 @pytree
@@ -97,16 +96,6 @@ class Evidence(OwnEvidence):
     layout: Float[Array, "N X"]
     companions: Float[Array, "N X"]
     moved: Float[Array, "N X"]  # given back to what lies wrong, as it may have been moved
-
-    def total(self) -> Float[Array, "N X"]:
-        """Its log odds."""
-        others = [name for name in self.kinds() if name not in OwnEvidence.kinds()]
-        return super().total() + _add_up(getattr(self, name) for name in others)
-
-
-def _add_up(kinds: Iterable[Array]) -> Array:
-    """In their order."""
-    return functools.reduce(operator.add, kinds)
 
 
 @pytree
@@ -120,14 +109,18 @@ class Shortlist:
     evidence: OwnEvidence  # what is in these log odds
 
 
-def find_ended(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
-    """Tracklets that can hardly resume, not decided yet, that were last taken for a new object.
+def leaves_object(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
+    """Tracklets not decided yet, last taken for a new object, that leave one once they end.
 
     Without a memory of them, what they showed would get another identity at its next sight.
     """
-    undecided = tracklets.alive & (tracklets.slot == NO_SLOT) & tracklets.leans_new
     long_enough = (t.ended_age > 0) & (tracklets.age >= t.ended_age)
-    return undecided & long_enough & (tracklets.unseen >= MISSED_TICKS)
+    return tracklets.is_open & tracklets.leans_new & long_enough
+
+
+def find_ended(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
+    """Those of them that can hardly resume."""
+    return leaves_object(tracklets, t) & (tracklets.unseen >= MISSED_TICKS)
 
 
 def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Array, "N O"]:

@@ -25,13 +25,11 @@ def find_faults(state: PlusState) -> Iterator[str]:
 def _of_objects(state: PlusState, now: int) -> Iterator[str]:
     objects = state.objects
     used = np.asarray(objects.id) != NO_ID
-    yield from outside("objects.seen", objects.seen, 0, where=used)
+    for name in ("seen", "size", "speed"):
+        yield from outside(f"objects.{name}", getattr(objects, name), 0, where=used)
     yield from outside("objects.last", objects.last, LONG_AGO, max(now, LONG_AGO), used)
-    yield from outside("objects.size", objects.size, 0, where=used)
-    yield from outside("objects.speed", objects.speed, 0, where=used)
-    yield from outside("scene.speed", state.scene.speed, 0)
-    yield from outside("objects.bank_count", objects.bank_count, 0)
-    yield from outside("objects.ring_count", objects.ring_count, 0)
+    for name in ("bank_count", "ring_count"):
+        yield from outside(f"objects.{name}", getattr(objects, name), 0)
     kept = used[:, None] & (np.asarray(objects.bank_count) > 0)
     yield from not_unit("objects.white_bank", objects.white_bank, kept)
 
@@ -45,19 +43,15 @@ def _of_tracklets(state: PlusState, now: int) -> Iterator[str]:
     owners = np.asarray(state.objects.id)[np.maximum(np.asarray(tracklets.slot), 0)]
     yield from outside("objects.id of a tracklet", owners, 0, where=held)
     yield from outside("tracklets.last", tracklets.last, LONG_AGO, max(now, LONG_AGO), alive)
-    yield from outside("tracklets.age", tracklets.age, 0, where=alive)
-    yield from outside("tracklets.num_moves", tracklets.num_moves, 0, where=alive)
-    yield from outside("tracklets.size", tracklets.size, 0, where=alive)
-    yield from outside("tracklets.belief", tracklets.belief, 0, 1, alive)
-    yield from outside("tracklets.trust", tracklets.trust, 0, 1, alive)
-    yield from outside("tracklets.met", tracklets.met, 0, where=alive)
-    yield from outside("tracklets.ring_count", tracklets.ring_count, 0, where=alive)
+    for name in ("age", "num_moves", "size", "met", "ring_count"):
+        yield from outside(f"tracklets.{name}", getattr(tracklets, name), 0, where=alive)
+    for name in ("belief", "trust"):
+        yield from outside(f"tracklets.{name}", getattr(tracklets, name), 0, 1, alive)
 
 
 def _of_scene(state: PlusState) -> Iterator[str]:
     scene = state.scene
-    for name in ("num_looks", "total_weight", "within_weight", "num_rings"):
+    for name in ("num_looks", "total_weight", "within_weight", "num_rings", "speed"):
         yield from outside(f"scene.{name}", getattr(scene, name), 0)
-    yield from outside("scene.newness", scene.newness, 0, 1)
-    yield from outside("scene.faded", scene.faded, 0, 1)
-    yield from outside("scene.raised", scene.raised, 0, 1)
+    for name in ("newness", "faded", "raised"):
+        yield from outside(f"scene.{name}", getattr(scene, name), 0, 1)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Int
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus.state import PlusState
@@ -21,46 +23,49 @@ def coming_ids(state: PlusState) -> Int[np.ndarray, "open"]:
     return ids[alive & (slot == NO_SLOT) & (ids != NO_ID)]
 
 
+def clear_objects(state: PlusState, empty: PlusState, slots: Int[np.ndarray, "slots"]) -> PlusState:
+    """The memory without the objects in these slots: rows and relations are those of `empty`."""
+
+    def clear_both(leaf: Any, blank: Any) -> np.ndarray:
+        leaf, blank = _clear(leaf, blank, slots), np.asarray(blank)
+        leaf[:, slots] = blank[:, slots]
+        return leaf
+
+    return dataclasses.replace(
+        state,
+        objects=jax.tree.map(partial(_clear, rows=slots), state.objects, empty.objects),
+        pairs=jax.tree.map(clear_both, state.pairs, empty.pairs),
+    )
+
+
+def _clear(leaf: Any, blank: Any, rows: Int[np.ndarray, "rows"]) -> np.ndarray:
+    leaf = np.array(leaf)
+    leaf[rows] = np.asarray(blank)[rows]
+    return leaf
+
+
 def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids"]) -> PlusState:
-    """The memory without some objects: their rows, relations and tracklets are those of `empty`.
+    """The memory without some objects: rows, relations and tracklets are those of `empty`.
 
     What was learned about all objects together stays; nothing of it shows a single object once the
     looks of the last frames are summed up as well.
 
     Args:
-      state: The memory.
-      empty: A memory without objects, of the same capacities.
       ids: Of the objects, those of undecided tracklets among them.
     """
-    gone = np.isin(np.asarray(state.objects.id), ids)
-
-    def clear(where: Bool[np.ndarray, "rows"], leaves: object, blank: object) -> object:
-        def clear_leaf(leaf: jax.Array, none: jax.Array) -> np.ndarray:
-            rows = where.reshape(-1, *[1] * (leaf.ndim - 1))
-            return np.where(rows, np.asarray(none), np.asarray(leaf))
-
-        return jax.tree.map(clear_leaf, leaves, blank)
-
-    def clear_pairs(leaf: jax.Array, none: jax.Array) -> np.ndarray:
-        either = gone[:, None] | gone[None]
-        either = either.reshape(*either.shape, *[1] * (leaf.ndim - 2))
-        return np.where(either, np.asarray(none), np.asarray(leaf))
-
     scene, slot = state.scene, np.asarray(state.tracklets.slot)
+    gone = np.isin(np.asarray(state.objects.id), ids)
     held = (slot != NO_SLOT) & gone[np.maximum(slot, 0)]
     held |= np.asarray(state.tracklets.is_open) & np.isin(np.asarray(state.tracklets.id), ids)
+    clear_held = partial(_clear, rows=np.flatnonzero(held))
+    recent = ("recent_looks", "looks_fade", "recent_steps", "steps_fade")
     return dataclasses.replace(
-        state,
-        objects=clear(gone, state.objects, empty.objects),
-        pairs=jax.tree.map(clear_pairs, state.pairs, empty.pairs),
-        tracklets=clear(held, state.tracklets, empty.tracklets),
+        clear_objects(state, empty, np.flatnonzero(gone)),
+        tracklets=jax.tree.map(clear_held, state.tracklets, empty.tracklets),
         scene=dataclasses.replace(
-            state.scene,
+            scene,
             total=sum_up(scene.total, scene.recent_looks, scene.looks_fade),
             within=sum_up(scene.within, scene.recent_steps, scene.steps_fade),
-            recent_looks=empty.scene.recent_looks,
-            looks_fade=empty.scene.looks_fade,
-            recent_steps=empty.scene.recent_steps,
-            steps_fade=empty.scene.steps_fade,
+            **{name: getattr(empty.scene, name) for name in recent},
         ),
     )

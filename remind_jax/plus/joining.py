@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Int
 
 from remind_jax.method import Joined, Joining
-from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.archive import NO_PARTNERS, Resting
+from remind_jax.plus.evidence import leaves_object
 from remind_jax.plus.memory_matching import NOBODY, Side, match
 from remind_jax.plus.state import PlusState
 
@@ -29,14 +30,13 @@ def join(
       this: This memory, to whose objects at rest the others come.
       that: The other memory; what came from this one, or from where this one has it, stays away.
       class_ids: What its classes are here.
-      t: Weights of the evidence.
 
     Returns:
       This memory, in which only the next id is another one, and what was found.
     """
     state, other = jax.device_get((this.state, that.state))
-    here, partners_here = this.at_rest.archive.with_working_set(state)
-    there, partners_there = that.at_rest.archive.with_working_set(other)
+    here, partners_here = this.at_rest.with_working_set(state)
+    there, partners_there = that.at_rest.with_working_set(other)
     there |= {one.id: one for one in _ended(other, t.decision)}
     coming = here | {one.id: one for one in _ended(state, t.decision)}
     copies = _find_copies(coming, there, class_ids)
@@ -69,7 +69,7 @@ def join(
         known_ids, new_ids = ([one.id for one in side.objects] for side in (known, added))
         matched += [(known_ids[row[m]], new_ids[m]) for m in np.flatnonzero(row != NOBODY)]
         ambiguous = {new_ids[m]: tuple(known_ids[r] for r in rows) for m, rows in doubted.items()}
-    this.at_rest.archive.take_in(moved, partners, state)
+    this.at_rest.take_in(moved, partners, state)
     return state, Joined({one: ids[one] for one in new}, tuple(matched), ambiguous)
 
 
@@ -112,20 +112,14 @@ def _renamed(partners: np.ndarray, ids: Mapping[int, int]) -> np.ndarray:
 
 
 def _ended(state: PlusState, t: th.Decision) -> list[Resting]:
-    """What its open tracklets leave behind as they cannot resume (`evidence.find_ended`)."""
-    tracklets = state.tracklets
-    is_open = tracklets.alive & (tracklets.slot == NO_SLOT) & tracklets.leans_new
-    rows = np.flatnonzero(is_open & (t.ended_age > 0) & (tracklets.age >= t.ended_age))
+    """What its open tracklets leave behind, as none of them can resume."""
+    tracklets: Any = state.tracklets
+    unseen = {"seen": np.int32(0), "visits": np.int32(1), "class_lead": np.int32(1)}
+    unseen |= {"speed": np.float32(0), "ring_count": np.int32(0)}
     found = []
-    for row in rows.tolist():
-        values = {
-            name: np.array(getattr(tracklets, name)[row])
-            for name in ("id", "class_id", "last", "size")
-        }
-        values |= {"seen": np.int32(0), "visits": np.int32(1), "speed": np.float32(0)}
-        values |= {"class_lead": np.int32(1)}
-        values |= {"ring": np.zeros_like(tracklets.ring[row]), "ring_count": np.int32(0)}
-        values = {name: np.asarray(value) for name, value in values.items()}
-        look = np.array(tracklets.look[row])
-        found.append(Resting(values, look[None], np.ones(1, np.int32)))
+    for row in np.flatnonzero(leaves_object(tracklets, t)).tolist():
+        known = {name: getattr(tracklets, name)[row] for name in ("id", "class_id", "last", "size")}
+        values = {**known, **unseen, "ring": np.zeros_like(tracklets.ring[row])}
+        values = {name: np.array(value) for name, value in values.items()}
+        found.append(Resting(values, tracklets.look[[row]], np.ones(1, np.int32)))
     return found

@@ -28,7 +28,7 @@ from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import staying
 from remind_jax.plus.plane import squared_length
 from remind_jax.plus.slots import count_before, look_up, rows_of
-from remind_jax.plus.state import NO_RELATION, Objects, Pairs
+from remind_jax.plus.state import NO_RELATION, Objects, Pairs, blank
 from remind_jax.plus.static import NUM_CANDIDATES, NUM_WITNESSES
 from remind_jax.plus.vacancy import find_gone
 
@@ -72,14 +72,8 @@ def weigh_jointly(
     """Evidence of each candidate with that of all others in view.
 
     Args:
-      shortlist: Candidates of the rows.
       anchor: Object of each detection that is decided.
       is_anchor: Detections that speak for their surroundings with full weight.
-      sightings: Detections.
-      objects: Objects.
-      pairs: What is known of every two of them.
-      frame: Number of this frame.
-      t: Weights.
     """
     is_gone = find_gone(anchor, is_anchor, sightings, pairs, t.layout)[shortlist.slot]
     first = jnp.arange(shortlist.slot.shape[1]) == 0
@@ -208,11 +202,11 @@ class _Around(NamedTuple):
 
 def nothing_weighed(num: int) -> tuple[Shortlist, Weighed]:
     """What `evidence.shortlist` and `weigh_jointly` give of detections that are no open rows."""
-    blank = jnp.zeros((num, NUM_CANDIDATES), jnp.float32)
-    own = OwnEvidence(**dict.fromkeys(OwnEvidence.kinds(), blank))
-    everything = Evidence(**dict.fromkeys(Evidence.kinds(), blank))
-    slot, valid = blank.astype(jnp.int32), blank.astype(bool)
-    return Shortlist(slot, valid, blank, blank, own), Weighed(blank, blank, everything)
+    sizes = {"N": num, "C": NUM_CANDIDATES, "X": NUM_CANDIDATES}
+    return (
+        blank(Shortlist, sizes, evidence=blank(OwnEvidence, sizes)),
+        blank(Weighed, sizes, evidence=blank(Evidence, sizes)),
+    )
 
 
 def _nearest(n: Int[Array, ""], rows: _Rows, most: int) -> Int[Array, "W"]:

@@ -68,12 +68,7 @@ def learn_relations(
     objects that are never seen together. What was known of slots that are free now is forgotten.
 
     Args:
-      objects: Objects.
-      pairs: What is known of every two of them.
       row: Detection of each object, NO_ROW out of view.
-      sightings: Detections.
-      tick: Time since the last frame, one tick at most.
-      t: What speeds make of relations.
     """
     visible = row != NO_ROW
     # A relation is forgotten as fast as its objects move.
@@ -169,10 +164,7 @@ def learn_objects(
     """Classes, backgrounds, sizes and counts of the objects in view.
 
     Args:
-      objects: Objects.
       row: Detection of each, NO_ROW out of view.
-      sightings: Detections.
-      frame: Number of this frame.
     """
     visible, size = row != NO_ROW, sightings.size[row]
     size = jnp.where(sightings.touches[row], jnp.maximum(objects.size, size), size)
@@ -276,15 +268,10 @@ def learn_cosines(
     Rule: method_plus.md#calibration.
 
     Args:
-      scene: Statistics so far.
-      objects: Objects.
-      here: Tracklets of the detections.
       sure: Those whose object is decided.
-      choice: Decisions of this frame.
       cosine: Best cosine of each look with each object.
       since_first: Cosine of each look with the first one of its tracklet.
       share: How much each detection teaches.
-      ticks: Of the clock so far.
     """
     num_o = cosine.shape[1]
     # Objects clearly recognized teach what the same object looks like after an absence.

@@ -114,7 +114,6 @@ def cut_odds(
     Args:
       unlike: Log odds of `link_odds`.
       tracklets: Tracklets before the frame.
-      sightings: Detections.
     """
     likely = jnp.max(jnp.where(tracklets.alive, jnp.exp(unlike), 0.0), axis=1)
     going_on = jnp.sum(jnp.where(sightings.valid, likely, 0.0))
@@ -132,10 +131,8 @@ def learn_links(
     """Learns how alike the looks of an object are from one frame to the next.
 
     Args:
-      scene: Statistics so far.
       tracklets: Tracklets before the frame.
       cosine: Of whitened looks.
-      origin: The tracklet that each detection goes on with.
       share: How much each detection teaches.
     """
     before = jnp.maximum(origin, 0)
@@ -158,11 +155,8 @@ def score_links(
 
     Args:
       tracklets: Tracklets, carried to this frame.
-      sightings: Detections.
       cosine: Of their whitened looks.
       look_odds: Log odds that these are looks and names of one object, as far as they count.
-      tick: Time since the last frame, one tick at most.
-      t: Weights.
     """
     gap = tracklets.unseen + tick
     offset = sightings.center[:, None] - tracklets.center[None]
@@ -207,11 +201,6 @@ def trust_links(
     Rule: method_plus.md#answers. What goes on with that tracklet goes on with this one instead, or
     is the first of a new one.
 
-    Args:
-      links: All that may go on.
-      origin: The tracklet that each detection goes on with.
-      t: Weights.
-
     Returns:
       That of each detection; and how probable it is that what a waiting tracklet shows did not go
       on with another one, 1 where it does not wait.
@@ -247,16 +236,12 @@ def advance_tracklets(
 
     Args:
       tracklets: Tracklets, carried to this frame.
-      sightings: Detections.
       origin: The tracklet that each of them goes on with, NO_SLOT for the first of a new one.
-      frame: Number of this frame.
-      next_id: Next free id.
       counts: Detections that count: those of a tick, and first ones.
       cropped: Those that are cropped beside their tracklet, or whole again: its looks begin anew.
       elapsed: Ticks since the last frame.
       shift: How far the image moved since the last frame.
       doubt: How little that is believed, [0, 1].
-      t: How far own movement counts.
 
     Returns:
       Tracklets: those of the detections, in their order, then those of the frames before, of which
@@ -283,8 +268,9 @@ def advance_tracklets(
     # Of two that pass behind each other each keeps the look that it had, whoever it is linked with.
     look_rate = 1.0 / jnp.clip(age, 1, SMOOTHING) * (linked & counts & (old.met == 0))
     ring_rate = 1.0 / jnp.clip(ring_count, 1, SMOOTHING) * has_ring
-    movement = follow_movement(old, same, sightings, tick, shift, doubt, t)
-    here = Tracklets(
+    # Courses, and whom each met, are left to `follow_courses`.
+    here = dataclasses.replace(
+        old,
         alive=sightings.valid,
         id=go_on(old.id, next_id + count_before(starts)),
         class_id=go_on(class_id, sightings.class_id),
@@ -299,22 +285,16 @@ def advance_tracklets(
         center=sightings.center,
         size=sightings.size,
         touched=sightings.touches,
-        drift=movement.drift,
-        num_moves=movement.num_moves,
-        image_shift=movement.image_shift,
         look=look + look_rate[:, None] * step,
         first_look=go_on(old.first_look, sightings.look, same),
         ring=ring + ring_rate[:, None] * (sightings.ring - ring),
         ring_count=ring_count,
         belief=go_on(old.belief, 0.0),
         trust=go_on(old.trust, 1.0),
-        course=old.course,
-        pace=old.pace,
-        met=old.met,
-        met_id=old.met_id,
         fresh=linked & old.fresh,
         named=linked & old.named,
         leans_new=linked & old.leans_new,
+        **follow_movement(old, same, sightings, tick, shift, doubt, t),
     )
     taken = rows_of(origin, linked, len(tracklets.alive)) != NO_ROW
     stays = tracklets.alive & ~taken & (tracklets.unseen < MISSED_TICKS)

@@ -145,8 +145,6 @@ class LookIndex:
         """The objects of the same class that look most alike, and cosines of their nearest looks.
 
         Args:
-          looks: Asked for.
-          class_id: Their classes.
           num: Objects for each; NO_ID and -1 where there are fewer.
         """
         found = np.full((len(looks), num), NO_ID, np.int32)

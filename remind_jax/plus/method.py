@@ -13,11 +13,11 @@ from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
 from remind_jax.plus.joining import join
-from remind_jax.plus.memory_need import count_bytes
 from remind_jax.plus.observation import RING_PATCHES, Motion, Sightings, observe
 from remind_jax.plus.recall import ObjectsAtRest
 from remind_jax.plus.revision import DelayedAnswers, evidence, find_merges
 from remind_jax.plus.state import PlusState, init
+from remind_jax.plus.static import count_bytes
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
 from remind_jax.plus.verdicts import Verdicts

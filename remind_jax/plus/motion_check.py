@@ -15,7 +15,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
@@ -47,10 +47,7 @@ def check_motion(
     Args:
       motion: Estimated from the image.
       tracklets: Tracklets where they were in the frame before.
-      sightings: Detections.
-      cosine: Of the looks of detections and tracklets.
       look_odds: Log odds that these are looks of one object.
-      t: Weights.
     """
     still = dataclasses.replace(
         motion, matrix=jnp.eye(2, 3, dtype=jnp.float32), score=jnp.float32(0)
@@ -88,7 +85,8 @@ def imply_motion(
     partner = largest(likeness)[1]
     paired = jnp.max(likeness, axis=1) > -jnp.inf
     shift = jnp.where(paired[:, None], sightings.center - tracklets.center[partner], 0.0)
-    agrees = _within(shift, shift, AGREEMENT) & paired[None, :] & paired[:, None]
+    apart = squared_length(shift[:, None] - shift[None])
+    agrees = (apart < AGREEMENT**2) & paired[None, :] & paired[:, None]
     votes = jnp.sum(agrees, axis=1)
     most = largest(votes)[1]
     chosen, num = agrees[most], votes[most].astype(jnp.float32)
@@ -98,9 +96,3 @@ def imply_motion(
         [jnp.eye(2, dtype=mean.dtype), jnp.where(enough, mean, 0.0)[:, None]], axis=1
     )
     return {"matrix": matrix, "score": jnp.where(enough, IMPLIED_SCORE, 0.0)}
-
-
-def _within(
-    left: Float[Array, "N 2"], right: Float[Array, "M 2"], reach: float
-) -> Bool[Array, "N M"]:
-    return squared_length(left[:, None] - right[None]) < reach**2

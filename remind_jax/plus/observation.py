@@ -64,8 +64,6 @@ def observe(
     """Pools features over masks and brings all lengths to frame units.
 
     Args:
-      frame_feats: Patch features of the frame, or of closeups of its detections.
-      masks: Detections.
       motion: Image motion in pixels of the masks.
       unit_patches: Scale every patch feature to unit length first.
 

@@ -12,7 +12,6 @@ Letters: `N` detections, `T` tracklets, `O` object slots. Lengths are in frame u
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -48,14 +47,6 @@ def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
     return t.weight * jnp.where(known, share, 0.0)[:, None] * tracklets.drift
 
 
-class Movement(NamedTuple):
-    """Own movement of tracklets; fields as in `Tracklets`."""
-
-    drift: Float[Array, "N 2"]
-    image_shift: Float[Array, "N"]
-    num_moves: Float[Array, "N"]
-
-
 def follow_movement(
     before: Tracklets,
     linked: Bool[Array, "N"],
@@ -64,20 +55,16 @@ def follow_movement(
     shift: Float[Array, ""],
     doubt: Float[Array, ""],
     t: th.Mobility,
-) -> Movement:
-    """Smoothed own movement of each detection's tracklet.
+) -> dict[str, Array]:
+    """Smoothed own movement of each detection's tracklet, by fields of `Tracklets`.
 
     Where the image motion is doubted, what most detections of a frame share is that of the camera.
     At the border of the frame the center of a mask moves with what is cut off.
 
     Args:
       before: The tracklet that each detection goes on with, carried to this frame.
-      linked: Detections that go on with one.
-      sightings: Detections.
-      tick: Time since the last frame, one tick at most.
       shift: How far the image moved since the last one.
       doubt: How little that is believed, [0, 1].
-      t: How far own movement counts.
     """
     whole = ~(before.touched | sightings.touches)
     moves = linked & whole & before.just_seen
@@ -89,11 +76,11 @@ def follow_movement(
     rate = passed / jnp.clip(num_moves, tick, SAMPLES)
     drift = jnp.where(linked[:, None], before.drift, 0.0)
     image_shift = jnp.where(linked, before.image_shift, 0.0)
-    return Movement(
-        drift=drift + rate[:, None] * (movement - shared - drift),
-        image_shift=image_shift + rate * (shift - image_shift),
-        num_moves=num_moves,
-    )
+    return {
+        "drift": drift + rate[:, None] * (movement - shared - drift),
+        "image_shift": image_shift + rate * (shift - image_shift),
+        "num_moves": num_moves,
+    }
 
 
 def speed_of(tracklets: Tracklets) -> Float[Array, "T"]:
@@ -121,10 +108,6 @@ def learn_speeds(
     """Follows the speeds of the objects in view, and that of all objects together.
 
     Args:
-      objects: Objects.
-      scene: What is known of all of them.
-      here: Tracklets of the detections.
-      counts: Detections that count.
       row: Detection of each object, NO_ROW out of view.
     """
     speed = speed_of(here)
@@ -189,11 +172,8 @@ def fade_background(
     What does not count is as in the mean of all looks, so that no comparison sees it.
 
     Args:
-      sightings: Detections.
       origin: The tracklet that each goes on with, NO_SLOT for a new one.
       before: Tracklets before this frame.
-      scene: What is known of all looks and speeds.
-      t: How far own movement counts.
     """
     known = first_speed(before, scene)[origin]
     rest = 1.0 - mobility(jnp.where(origin != NO_SLOT, known, scene.speed), t)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -46,16 +46,12 @@ MOST_SHARE = 2  # at most one of so many slots is filled at once
 SPARE_SHARE = 8  # one of so many slots is made free beyond those that are needed
 
 
-class ObjectsAtRest:
-    """The archive of one memory, and when its objects came.
-
-    Attributes:
-      archive: Objects at rest.
-    """
+class ObjectsAtRest(Archive):
+    """The archive of one memory: chooses what rests and what comes, and knows when that came."""
 
     def __init__(self) -> None:
         """Nothing rests yet."""
-        self.archive = Archive()
+        super().__init__()
         self._came: dict[int, int] = {}  # frame in which an object was last brought
 
     def make_room(
@@ -68,7 +64,6 @@ class ObjectsAtRest:
         Args:
           state: The memory before the frame, on the host.
           seen: The frame as `describe` gives it.
-          static: Its capacities.
           needed: Slots that the frame needs in all.
 
         Returns:
@@ -85,12 +80,7 @@ class ObjectsAtRest:
         return self._rest(state, static, idle[: max(0, lacking) + spare])
 
     def rest(self, state: PlusState, static: Static, num: int) -> PlusState:
-        """Rests what was longest out of view, so many at most.
-
-        Args:
-          state: The memory, on the host.
-          static: Its capacities.
-        """
+        """Rests what was longest out of view, so many at most."""
         state = jax.device_get(state)
         return self._rest(state, static, self._idle(state)[:num])
 
@@ -100,8 +90,6 @@ class ObjectsAtRest:
         Args:
           state: The memory, on the host, whose last frames had no more detections than there are
             slots for then.
-          static: Its capacities.
-          smaller: Those that it will have.
         """
         state = jax.device_get(state)
         frame_rows = smaller.num_detections
@@ -140,9 +128,8 @@ class ObjectsAtRest:
         Args:
           state: The memory before the frame, on the host.
           seen: The frame as `describe` gives it.
-          static: Capacities.
         """
-        if not len(self.archive):
+        if not len(self):
             return None
         sightings, rows = _asked(state, seen)
         if not len(rows):
@@ -163,49 +150,18 @@ class ObjectsAtRest:
         present = set(state.objects.id.tolist())
         before = {one: frame for one, frame in self._came.items() if one in present}
         self._came = before | dict.fromkeys(wanted, int(state.frame))
-        return self.archive.wake(state, wanted, np.asarray(sightings.frame_center))
-
-    def drop_present(self, state: PlusState) -> None:
-        """Lets go of what is in the memory."""
-        self.archive.drop_present(state)
-
-    def ids(self) -> list[int]:
-        """Ids of all objects at rest."""
-        return self.archive.ids()
-
-    def num_bytes(self) -> int:
-        """Bytes of all that is kept of them."""
-        return self.archive.num_bytes()
-
-    def forget(self, ids: Iterable[int]) -> None:
-        """Lets objects go with all that is kept of them."""
-        self.archive.forget(set(ids))
-
-    def forget_least_known(self, num: int) -> list[int]:
-        """Lets so many objects at rest go, those seen in fewest frames first; gives their ids."""
-        gone = self.archive.least_known(num)
-        self.archive.forget(gone)
-        return gone
-
-    def snapshot(self) -> Snapshot:
-        """What there is now."""
-        return self.archive.snapshot()
+        return self.wake(state, wanted, np.asarray(sightings.frame_center))
 
     def tensors(self, since: Snapshot | None = None) -> dict[str, np.ndarray]:
         """What changed as arrays by name, for a file; everything if `since` is left out."""
         came = np.array([*self._came.items()], np.int32).reshape(-1, 2)
-        return self.archive.tensors(since) | ({"came": came} if len(came) else {})
+        return super().tensors(since) | ({"came": came} if len(came) else {})
 
     def restore(
         self, parts: Sequence[Mapping[str, np.ndarray]], state: PlusState, num_classes: int
     ) -> None:
-        """Goes on from what `tensors` gave one after another, beside this memory.
-
-        Raises:
-          ValueError: If the arrays do not belong together.
-          KeyError: If one is missing.
-        """
-        self.archive = Archive.restored(parts, state, num_classes)
+        """As `Archive.restore`."""
+        super().restore(parts, state, num_classes)
         came = parts[-1].get("came", np.zeros((0, 2), np.int32))
         self._came = dict(came.tolist())
 
@@ -216,7 +172,7 @@ class ObjectsAtRest:
 
         What looks alike comes first, then its partners.
         """
-        index = self.archive.looks(state)
+        index = self.looks(state)
         votes: dict[int, float] = {}
         alike: dict[int, float] = {}
         bank = np.asarray(state.objects.white_bank)
@@ -243,10 +199,10 @@ class ObjectsAtRest:
             alike[one] = max(alike.get(one, -1.0), value)
         for one, value in alike.items():
             if value > clear:
-                for partner in self.archive.partners(one):
+                for partner in self.partners(one):
                     beside = int(partner["id"])
                     votes[beside] = votes.get(beside, 0.0) + value * float(partner["covisible"])
-        company = [one for one in votes if one in self.archive and one not in alike]
+        company = [one for one in votes if one in self and one not in alike]
         first = sorted(alike, key=lambda one: -alike[one])
         wanted = [*first, *sorted(company, key=lambda one: -votes[one])]
         return wanted, np.any(present > least, axis=0)
@@ -269,7 +225,7 @@ class ObjectsAtRest:
         return idle[order].tolist()
 
     def _rest(self, state: PlusState, static: Static, slots: list[int]) -> PlusState:
-        return self.archive.rest(state, _empty(static), slots) if slots else state
+        return self.rest_slots(state, _empty(static), slots) if slots else state
 
 
 @functools.lru_cache(maxsize=4)
@@ -283,7 +239,6 @@ def _names_of(
     """The classes that each look is asked for under: its own, and names that change with it.
 
     Args:
-      class_id: Of each look.
       known: Classes of all objects.
       names: Times that a tracklet of one class went on as another.
 

@@ -23,10 +23,8 @@ from remind_jax.tracks import Tracks
 class _Latest(NamedTuple):
     """The latest answer for a tracklet."""
 
-    object_id: int  # NO_ID while it is undecided
-    outcome: int
-    reason: int
-    confidence: float
+    object_id: int = NO_ID  # while it is undecided
+    confidence: float = 0.0
 
 
 def find_merges(state: Any) -> list[tuple[int, int]]:
@@ -62,15 +60,9 @@ class DelayedAnswers:
     ) -> list[tuple[Any, Tracks]]:
         """Takes the answers of a frame; gives those that waited long enough, with their frames."""
         tracklet = np.array(evidence["tracklet_id"][: len(tracks)], int)
-        for row in range(len(tracks)):
-            if tracklet[row] == NO_ID:
-                continue
-            self._latest[int(tracklet[row])] = _Latest(
-                int(tracks.object_id[row]),
-                int(tracks.outcome[row]),
-                int(tracks.reason[row]),
-                float(tracks.confidence[row]),
-            )
+        answers = map(_Latest, tracks.object_id.tolist(), tracks.confidence.tolist())
+        told = zip(tracklet.tolist(), answers, strict=True)
+        self._latest |= {one: answer for one, answer in told if one != NO_ID}
         self._waiting.append((frame, tracks, tracklet))
         return [self._release() for _ in range(len(self._waiting) - self._delay)]
 
@@ -80,28 +72,21 @@ class DelayedAnswers:
 
     def _release(self) -> tuple[Any, Tracks]:
         frame, tracks, tracklet = self._waiting.popleft()
-        latest = [self._latest.get(int(one)) for one in tracklet]
-        revised = [NO_ID if one is None else one.object_id for one in latest]
+        latest = [self._latest.get(one, _Latest()) for one in tracklet.tolist()]
         object_id, outcome = tracks.object_id.copy(), tracks.outcome.copy()
         reason, confidence = tracks.reason.copy(), tracks.confidence.copy()
         status = tracks.status.copy()
         score = tracks.score.copy()  # the confidence, as everywhere in plus
         taken = {int(now) for now in object_id if now != NO_ID}
         # One that waits for an id that another gives up comes after that one.
-        for row in [*range(len(revised)), *range(len(revised))]:
-            one, now = latest[row], revised[row]
-            if one is None or now == NO_ID:
+        for row, (now, sure) in 2 * [*enumerate(latest)]:
+            if now == NO_ID or (now in taken and now != object_id[row]):
                 continue
-            if now == object_id[row]:
-                confidence[row] = score[row] = one.confidence
-                continue
-            if now in taken:
-                continue
-            taken.discard(int(object_id[row]))
-            taken.add(now)
-            object_id[row], confidence[row], score[row] = now, one.confidence, one.confidence
-            status[row] = Status.STRONG
-            outcome[row], reason[row] = Outcome.MATCH, Reason.ASSIGNED
+            if now != object_id[row]:
+                taken = {*taken, now} - {int(object_id[row])}
+                object_id[row], status[row] = now, Status.STRONG
+                outcome[row], reason[row] = Outcome.MATCH, Reason.ASSIGNED
+            confidence[row] = score[row] = sure
         settled = object_id != NO_ID
         is_own = settled & (object_id == tracklet)
         # One that was shown before, in a run that this one goes on from, matches from the start.

@@ -119,12 +119,9 @@ def correct_map(
     """Kalman update of all positions by the objects in view.
 
     Args:
-      objects: Objects.
-      pairs: Pairs.
       slot: Object of each detection.
       sure: Detections whose object is decided.
       surprising: Those that may say that the map was wrong: objects with a place from before.
-      sightings: Detections.
     """
     covariance = pairs.covariance
     place = jnp.where(sure, slot, 0)

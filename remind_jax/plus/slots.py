@@ -13,6 +13,7 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from remind_jax.numerics.pytree import choose
 from remind_jax.plus.state import Objects, Pairs, Tracklets
 
 NO_ROW = -1
@@ -59,21 +60,16 @@ def create_objects(
     slot = jnp.where(born, lowest, tracklets.slot)
     row = rows_of(slot, born, num_o)
     is_new = row != NO_ROW
-    objects = dataclasses.replace(
+    of_tracklet = ("id", "class_id", "class_lead", "last", "size")
+    new = dataclasses.replace(
         objects,
-        id=jnp.where(is_new, tracklets.id[row], objects.id),
-        class_id=jnp.where(is_new, tracklets.class_id[row], objects.class_id),
-        class_lead=jnp.where(is_new, tracklets.class_lead[row], objects.class_lead),
-        seen=jnp.where(is_new, 0, objects.seen),
-        visits=jnp.where(is_new, 1, objects.visits),
-        last=jnp.where(is_new, tracklets.last[row], objects.last),
-        position=jnp.where(is_new[:, None], tracklets.center[row], objects.position),
-        size=jnp.where(is_new, tracklets.size[row], objects.size),
-        speed=jnp.where(is_new, speed[row], objects.speed),
-        bank_count=jnp.where(is_new[:, None], 0, objects.bank_count),
-        ring=jnp.where(is_new[:, None], 0.0, objects.ring),
-        ring_count=jnp.where(is_new, 0, objects.ring_count),
+        **{name: getattr(tracklets, name)[row] for name in of_tracklet},
+        position=tracklets.center[row],
+        speed=speed[row],
+        visits=1,
+        **dict.fromkeys(("seen", "bank_count", "ring", "ring_count"), 0),
     )
+    objects = choose(is_new, new, objects)
     # Nothing is known between a free slot and the others, so there is nothing to clear.
     own = jnp.eye(num_o, dtype=bool) & is_new
     covariance = jnp.where(own, place_variance[row], pairs.covariance)

@@ -2,7 +2,7 @@
 
 Letters: `O` object slots, `K` kept looks per object, `D` feature dimension, `E` directions that
 looks are compared in, `T` tracklets (those of this frame's `N` detections first), `F` frames from
-one renewal of the whitening to the next, `L` rows of classes.
+one renewal of the whitening to the next, `L` rows of classes, `S` one of all and such rows.
 Lengths are in frame units. Ids, never slots, are shown outside.
 """
 
@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import cast
+import re
+from collections.abc import Mapping
+from typing import Any, TypeVar, cast
 
 import jax
 import numpy as np
@@ -18,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Decisions, Overflow, no_decisions
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
-from remind_jax.numerics.constant_arrays import eye, full, zeros
+from remind_jax.numerics.constant_arrays import eye, full, number
 from remind_jax.numerics.pytree import pytree
 from remind_jax.plus.static import (
     BANK_SLOTS,
@@ -29,6 +31,9 @@ from remind_jax.plus.static import (
     white_dim,
 )
 from remind_jax.static import Static
+
+T = TypeVar("T")
+_TYPES = {"Bool": np.bool_, "Int": np.int32, "Float": np.float32}  # of arrays annotated so
 
 UNRELATED = 1000.0  # spread of a relation that is not known
 NO_RELATION = UNRELATED / 10  # from this spread on nothing is known
@@ -187,128 +192,74 @@ class PlusState:
 
 def init(static: Static) -> PlusState:
     """The empty memory with the capacities of `static`; `feature_dim` must be known."""
+    dim, num, white = static.feature_dim, static.num_objects, white_dim(static)
+    objects = blank(
+        Objects,
+        {"O": num, "K": BANK_SLOTS, "D": dim, "E": white},
+        id=NO_ID,
+        class_id=NO_ID,
+        last=LONG_AGO,
+        size=1.0,
+    )
+    sizes = {"D": dim, "E": white, "F": REFRESH_FRAMES, "N": static.num_detections}
+    scene = blank(
+        Scene,
+        {**sizes, "L": NAME_ROWS, "S": 1 + CLASS_ROWS},
+        looks_fade=SUMMED,
+        steps_fade=SUMMED,
+        faded=1.0,
+        newness=0.5,
+    )
+    basis = cast(Array, _any_basis(dim, white))
     empty = PlusState(
-        objects=_no_objects(static),
-        pairs=_no_pairs(static.num_objects),
-        tracklets=no_tracklets(num_tracklets(static), static.feature_dim),
-        scene=_unknown_scene(static),
-        next_id=_whole(value=static.first_object_id),
-        frame=_whole(),
-        ticks=_whole(),
-        phase=_real(),
+        objects=objects,
+        pairs=blank(Pairs, {"O": num}, spread=UNRELATED),
+        tracklets=no_tracklets(num_tracklets(static), dim),
+        scene=dataclasses.replace(scene, basis=basis, whitener=eye(white, dim)),
+        next_id=number(static.first_object_id),
+        frame=number(0),
+        ticks=number(0),
+        phase=full((), 0.0, np.float32),
         decisions=no_decisions(static),
-        answers=_no_answers(static.num_detections),
-        overflow=Overflow(objects=_whole(), pending=_whole()),
+        answers=blank(Answers, sizes, tracklet_id=NO_ID, answer_id=NO_ID),
+        overflow=Overflow(objects=number(0), pending=number(0)),
     )
     return jax.device_put(empty)
 
 
-def _whole(*shape: int, value: int = 0) -> Array:
-    return full(shape, value, np.int32)
-
-
-def _real(*shape: int, value: float = 0.0) -> Array:
-    return full(shape, value, np.float32)
-
-
-def _no_objects(static: Static) -> Objects:
-    num, kept, dim = static.num_objects, BANK_SLOTS, static.feature_dim
-    return Objects(
-        id=_whole(num, value=NO_ID),
-        class_id=_whole(num, value=NO_ID),
-        class_lead=_whole(num),
-        seen=_whole(num),
-        last=_whole(num, value=LONG_AGO),
-        visits=_whole(num),
-        position=_real(num, 2),
-        size=_real(num, value=1.0),
-        speed=_real(num),
-        bank=_real(num, kept, dim),
-        bank_count=_whole(num, kept),
-        white_bank=_real(num, kept, white_dim(static)),
-        ring=_real(num, dim),
-        ring_count=_whole(num),
-    )
-
-
-def _no_pairs(num: int) -> Pairs:
-    return Pairs(
-        covariance=_real(num, num),
-        covisible=_real(num, num),
-        relation=_real(num, num, 2),
-        spread=_real(num, num, value=UNRELATED),
-        log_ratio=_real(num, num),
-    )
-
-
 def no_tracklets(num: int, dim: int) -> Tracklets:
     """`num` free places."""
-    return Tracklets(
-        alive=zeros(num, bool),
-        id=_whole(num, value=NO_ID),
-        class_id=_whole(num, value=NO_ID),
-        class_lead=_whole(num),
-        last_class=_whole(num, value=NO_ID),
-        slot=_whole(num, value=NO_SLOT),
-        last=_whole(num, value=LONG_AGO),
-        unseen=_real(num),
-        age=_whole(num),
-        duration=_real(num),
-        box=_real(num, 4),
-        center=_real(num, 2),
-        size=_real(num, value=1.0),
-        touched=zeros(num, bool),
-        drift=_real(num, 2),
-        course=_real(num, 2),
-        pace=_real(num, 2),
-        met=_real(num),
-        met_id=_whole(num, value=NO_ID),
-        num_moves=_real(num),
-        image_shift=_real(num),
-        look=_real(num, dim),
-        first_look=_real(num, dim),
-        ring=_real(num, dim),
-        ring_count=_whole(num),
-        belief=_real(num),
-        trust=_real(num, value=1.0),
-        fresh=zeros(num, bool),
-        named=zeros(num, bool),
-        leans_new=zeros(num, bool),
+    return blank(
+        Tracklets,
+        {"T": num, "D": dim},
+        id=NO_ID,
+        class_id=NO_ID,
+        last_class=NO_ID,
+        slot=NO_SLOT,
+        last=LONG_AGO,
+        size=1.0,
+        met_id=NO_ID,
+        trust=1.0,
     )
 
 
-def _unknown_scene(static: Static) -> Scene:
-    dim, white = static.feature_dim, white_dim(static)
-    recent = REFRESH_FRAMES, static.num_detections, dim
-    return Scene(
-        mean=_real(dim),
-        num_looks=_real(),
-        ring_mean=_real(dim),
-        num_rings=_real(),
-        total=_real(dim, dim),
-        total_weight=_real(),
-        within=_real(dim, dim),
-        within_weight=_real(),
-        recent_looks=_real(*recent),
-        looks_fade=_real(REFRESH_FRAMES, value=SUMMED),
-        recent_steps=_real(*recent),
-        steps_fade=_real(REFRESH_FRAMES, value=SUMMED),
-        basis=cast(Array, _any_basis(dim, white)),
-        whitener=eye(white, dim),
-        white_mean=_real(dim),
-        raised=_real(),
-        class_offset=_real(NAME_ROWS, dim),
-        cosine_weight=_real(2),
-        cosine_sum=_real(2),
-        cosine_squares=_real(2),
-        faded=_real(2, value=1.0),
-        class_cosines=_real(3, 2, NAME_ROWS),
-        links=_real(3),
-        names=_real(NAME_ROWS, NAME_ROWS),
-        speed=_real(),
-        newness=_real(1 + CLASS_ROWS, value=0.5),
-        newness_known=_real(1 + CLASS_ROWS),
-    )
+def blank(record: type[T], sizes: Mapping[str, int], **values: Any) -> T:
+    """A record of arrays of one value each, in the types and shapes that its annotations say.
+
+    Args:
+      record: Its class; fields are annotated as `Float[Array, "O 2"]`, by letters and numbers.
+      sizes: What the letters stand for.
+      **values: Of fields that are not 0 by name; or what a field is, if that is no number.
+    """
+    fields: Any = record
+    leaves = dict(values)
+    for field in dataclasses.fields(fields):
+        value = values.get(field.name, 0)
+        if isinstance(value, (int, float)):
+            kind, _, *axes = re.findall(r"\w+", str(field.type))
+            shape = [sizes[axis] if axis in sizes else int(axis) for axis in axes]
+            leaves[field.name] = full(tuple(shape), value, _TYPES[kind])
+    return record(**leaves)
 
 
 @functools.cache
@@ -316,7 +267,3 @@ def _any_basis(dim: int, num: int) -> Float[np.ndarray, "D E"]:
     """Directions to start from; the same on every device."""
     drawn = np.random.default_rng(0).normal(size=(dim, num))
     return np.asarray(np.linalg.qr(drawn)[0], np.float32)
-
-
-def _no_answers(num: int) -> Answers:
-    return Answers(*(_whole(num, value=NO_ID) for _ in dataclasses.fields(Answers)))

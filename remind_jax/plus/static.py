@@ -1,4 +1,7 @@
-"""What fixes the shape of the compiled program of REMIND plus, beside the shared capacities."""
+"""What fixes the shape of the compiled program of REMIND plus, and how much memory that takes.
+
+Beside the capacities that all trackers share; docs/performance.md#crowds.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,13 @@ OBJECTS_BLOCK = 8  # object slots that are worked on at once
 LOOKS_BLOCK = 16  # looks that are whitened at once
 NUM_WITNESSES = 64  # other detections that one is weighed together with, the nearest of a crowd
 
+NUMBER = 4  # bytes
+# Numbers that are held at once, of the memory and of what a frame needs for the time being.
+PAIR_OF_OBJECTS = 9  # six are kept
+OF_OBJECT_AND_DETECTION = BANK_SLOTS + 2  # cosines with each kept look, and what is made of them
+PAIR_OF_FEATURES = 6  # two scatters, and what three frames add to one
+PAIR_OF_DETECTIONS = 12  # each detection with the four tracklets of each slot
+
 
 def num_tracklets(static: Static) -> int:
     """Tracklets of a frame and all those that may still resume."""
@@ -24,3 +34,22 @@ def num_tracklets(static: Static) -> int:
 def white_dim(static: Static) -> int:
     """Directions that looks are compared in."""
     return min(static.feature_dim, COMPARED_DIM)
+
+
+def count_bytes(static: Static) -> int:
+    """Bytes of the memory and of a step, estimated before anything is made; widths are known.
+
+    Grows with objects times objects, objects times detections, and, by little, with detections
+    times detections.
+    """
+    objects, detections, dim = static.num_objects, static.num_detections, static.feature_dim
+    per_object = 2 * BANK_SLOTS * (dim + white_dim(static))
+    per_detection = 30 * dim + 4 * NUM_WITNESSES * NUM_CANDIDATES**2
+    return NUMBER * (
+        PAIR_OF_OBJECTS * objects**2
+        + per_object * objects
+        + OF_OBJECT_AND_DETECTION * objects * detections
+        + per_detection * detections
+        + PAIR_OF_DETECTIONS * detections**2
+        + PAIR_OF_FEATURES * dim**2
+    )

@@ -93,11 +93,8 @@ def advance(
 
     Args:
       state: Memory before the frame, from `init` or an earlier step.
-      sightings: Its detections.
-      motion: How the image moved since the last frame.
       present: Slots that hold a mask.
       static: Capacities; those that `state` was made with.
-      thresholds: What can be set.
 
     Returns:
       Memory after the frame, and what its decisions are made of. If the frame may need more object

@@ -7,10 +7,8 @@ Letters: `N` detections, `O` object slots. Lengths are in frame units.
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import relation_error
@@ -19,16 +17,6 @@ from remind_jax.plus.plane import squared_length
 from remind_jax.plus.state import NO_RELATION, Pairs
 
 GONE_ERROR = 1.5  # greatest standard deviation of an expected place, per size of the object
-
-
-@dataclasses.dataclass(frozen=True)
-class _Expectation:
-    """Where each object should be, by the objects that are decided in this frame."""
-
-    center: Float[Array, "O 2"]
-    size: Float[Array, "O"]
-    deviation: Float[Array, "O"]  # standard deviation of the center
-    num_anchors: Int[Array, "O"]  # decided objects with a known relation
 
 
 def find_gone(
@@ -43,33 +31,8 @@ def find_gone(
     Args:
       anchor: Object of each detection that is decided.
       is_anchor: Detections that speak for their surroundings.
-      sightings: Detections.
-      pairs: What is known of every two objects.
-      t: Errors of relations.
     """
-    place = _expect(anchor, is_anchor, sightings, pairs, t)
-    known = (place.num_anchors >= t.gone_anchors) & (place.deviation < GONE_ERROR * place.size)
-    margin = (place.size / 2 + place.deviation)[:, None]
-    far_corner = 2 * sightings.frame_center - margin
-    inside = (place.center > margin) & (place.center < far_corner)
-    in_view = inside[:, 0] & inside[:, 1]
-
-    distance = jnp.sqrt(squared_length(place.center[:, None] - sightings.center[None]))
-    # What is decided is itself, and hides only what it covers; what is open may be the object.
-    covers = sightings.size[None] / 2
-    reach = jnp.where(is_anchor[None], covers, covers + margin)
-    is_empty = ~jnp.any(sightings.valid[None] & (distance < reach), axis=1)
-    return known & in_view & is_empty
-
-
-def _expect(
-    anchor: Int[Array, "N"],
-    is_anchor: Bool[Array, "N"],
-    sightings: Sightings,
-    pairs: Pairs,
-    t: th.Layout,
-) -> _Expectation:
-    """The mean of what the anchors say, each by the precision of its relation."""
+    # Where each object should be: the mean of what the anchors say, by the precision of relations.
     p = jnp.where(is_anchor, anchor, 0)
     relation, spread = pairs.relation[:, p], pairs.spread[:, p]
     others = p[None] != jnp.arange(len(pairs.spread))[:, None]
@@ -80,11 +43,19 @@ def _expect(
     weight = jnp.where(related, 1.0 / jnp.maximum(error, 1e-3) ** 2, 0.0)
     total = jnp.maximum(jnp.sum(weight, axis=1), 1e-9)
     share = weight / total[:, None]
-    center = sightings.center[None] - relation * scale[..., None]
-    log_size = jnp.log(jnp.maximum(sightings.size, 1e-3))[None] + log_ratio
-    return _Expectation(
-        center=jnp.sum(share[..., None] * center, axis=1),
-        size=jnp.exp(jnp.sum(share * log_size, axis=1)),
-        deviation=1.0 / jnp.sqrt(total),
-        num_anchors=jnp.sum(related, axis=1),
-    )
+    places = sightings.center[None] - relation * scale[..., None]
+    center = jnp.sum(share[..., None] * places, axis=1)
+    log_sizes = jnp.log(jnp.maximum(sightings.size, 1e-3))[None] + log_ratio
+    size = jnp.exp(jnp.sum(share * log_sizes, axis=1))
+    deviation = 1.0 / jnp.sqrt(total)
+
+    known = (jnp.sum(related, axis=1) >= t.gone_anchors) & (deviation < GONE_ERROR * size)
+    margin = (size / 2 + deviation)[:, None]
+    inside = (center > margin) & (center < 2 * sightings.frame_center - margin)
+    in_view = inside[:, 0] & inside[:, 1]
+    distance = jnp.sqrt(squared_length(center[:, None] - sightings.center[None]))
+    # What is decided is itself, and hides only what it covers; what is open may be the object.
+    covers = sightings.size[None] / 2
+    reach = jnp.where(is_anchor[None], covers, covers + margin)
+    is_empty = ~jnp.any(sightings.valid[None] & (distance < reach), axis=1)
+    return known & in_view & is_empty

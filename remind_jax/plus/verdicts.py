@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import enum
 
-import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.pytree import pytree
 from remind_jax.plus.evidence import Evidence
-from remind_jax.plus.state import Answers
+from remind_jax.plus.state import Answers, blank
 from remind_jax.plus.static import NUM_CANDIDATES
 
 
@@ -48,19 +47,6 @@ class Verdicts(Answers):
 
 def no_verdicts(num: int) -> Verdicts:
     """Verdicts about no detection at all."""
-    nobody, nothing = jnp.full(num, NO_ID, jnp.int32), jnp.zeros(num, jnp.float32)
-    blank = jnp.zeros((num, NUM_CANDIDATES), jnp.float32)
-    return Verdicts(
-        tracklet_id=nobody,
-        answer_id=nobody,
-        stage=jnp.zeros(num, jnp.int32),
-        age=jnp.zeros(num, jnp.int32),
-        is_decided=jnp.zeros(num, bool),
-        probability=nothing,
-        margin=nothing,
-        new_odds=nothing,
-        option_id=jnp.full(blank.shape, NO_ID, jnp.int32),
-        option_odds=blank,
-        option_belief=blank,
-        evidence=Evidence(**dict.fromkeys(Evidence.kinds(), blank)),
-    )
+    sizes = {"N": num, "C": NUM_CANDIDATES, "X": NUM_CANDIDATES}
+    nobody = dict.fromkeys(("tracklet_id", "answer_id", "option_id"), NO_ID)
+    return blank(Verdicts, sizes, evidence=blank(Evidence, sizes), **nobody)

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -52,6 +51,8 @@ LIGHT_SHARE = 0.1  # share of what light of another color changes
 MEAN_PRIOR = 0.15  # squared objects beyond the first that the mean of all is believed half from
 UNLIKE = 0.7  # cosine of looks of two objects about no mean at all
 CLASS_PRIOR = 3.0  # objects of a class beyond the first that its mean is believed half from
+# Fields of `Scene` that are made anew when it is due.
+_RENEWED = ("total", "within", "basis", "whitener", "white_mean", "raised", "class_offset")
 
 
 def class_offset(scene: Scene, class_id: Int[Array, "*any"]) -> Float[Array, "*any D"]:
@@ -104,12 +105,9 @@ def learn_scatter(
     What the scatters are sums of is noted only: `renew_whitening` sums it up when it is due.
 
     Args:
-      scene: Statistics so far.
-      sightings: Detections.
       step: Look minus the smoothed look of its tracklet before.
       linked: Detections that continue a tracklet.
       share: How much each teaches (`share_of`).
-      frame: Number of this frame.
     """
     of_look, of_ring, of_step = share * jnp.stack([sightings.valid, sightings.has_ring, linked])
     looks, rings, steps = jnp.sum(of_look), jnp.sum(of_ring), jnp.sum(of_step)
@@ -159,9 +157,10 @@ def renew_whitening(
     due = (frame < EAGER_FRAMES) | (frame % REFRESH_FRAMES == 0)
     due &= scene.total_weight > 0
 
-    def renew(_: Array, before: _Whitening) -> _Whitening:
-        total = sum_up(before.total, scene.recent_looks, scene.looks_fade)
-        within = sum_up(before.within, scene.recent_steps, scene.steps_fade)
+    def renew(_: Array, before: tuple[Array, ...]) -> tuple[Array, ...]:
+        total, within, white_bank = before[0], before[1], before[-1]
+        total = sum_up(total, scene.recent_looks, scene.looks_fade)
+        within = sum_up(within, scene.recent_steps, scene.steps_fade)
         renewed = dataclasses.replace(scene, total=total, within=within)
         renewed = _refit(renewed, sightings, believed, t.looks)
         renewed = dataclasses.replace(renewed, class_offset=_offset_classes(objects, renewed, t))
@@ -171,58 +170,22 @@ def renew_whitening(
             kept = rows_of(objects.bank_count)[..., None] > 0
             return jnp.where(kept, whiten(renewed, rows_of(objects.bank) - offset), 0.0)
 
-        return _Whitening(
-            total,
-            within,
-            renewed.basis,
-            renewed.whitener,
-            renewed.white_mean,
-            renewed.raised,
-            renewed.class_offset,
-            fill_blocks(whiten_banks, objects.exists, before.white_bank, OBJECTS_BLOCK),
-        )
+        white_bank = fill_blocks(whiten_banks, objects.exists, white_bank, OBJECTS_BLOCK)
+        return *(getattr(renewed, name) for name in _RENEWED), white_bank
 
     # Only what is made anew is handed on, and by a loop of one turn or none: a branch would copy
-    # what stays.
-    before = _Whitening(
-        scene.total,
-        scene.within,
-        scene.basis,
-        scene.whitener,
-        scene.white_mean,
-        scene.raised,
-        scene.class_offset,
-        objects.white_bank,
-    )
-    now = count_up(due.astype(jnp.int32), renew, before)
+    # what stays, as would a turn that reads from `scene` what it is handed.
+    before = *(getattr(scene, name) for name in _RENEWED), objects.white_bank
+    *now, white_bank = count_up(due.astype(jnp.int32), renew, before)
     return (
         dataclasses.replace(
             scene,
-            total=now.total,
-            within=now.within,
             looks_fade=jnp.where(due, SUMMED, scene.looks_fade),
             steps_fade=jnp.where(due, SUMMED, scene.steps_fade),
-            basis=now.basis,
-            whitener=now.whitener,
-            white_mean=now.white_mean,
-            raised=now.raised,
-            class_offset=now.class_offset,
+            **dict(zip(_RENEWED, now, strict=True)),
         ),
-        dataclasses.replace(objects, white_bank=now.white_bank),
+        dataclasses.replace(objects, white_bank=white_bank),
     )
-
-
-class _Whitening(NamedTuple):
-    """What is renewed; fields as in `Scene` and `Objects`."""
-
-    total: Float[Array, "D D"]
-    within: Float[Array, "D D"]
-    basis: Float[Array, "D E"]
-    whitener: Float[Array, "E D"]
-    white_mean: Float[Array, "D"]
-    raised: Float[Array, ""]
-    class_offset: Float[Array, "L D"]
-    white_bank: Float[Array, "O K E"]
 
 
 def _believe_mean(objects: Objects, sightings: Sightings) -> Float[Array, ""]:

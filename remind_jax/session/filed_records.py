@@ -62,13 +62,8 @@ def to_file(
     all_kept, before = records.kept(ids), since or {}
     kept = {one: new for one, new in all_kept.items() if before.get(one) is not new}
     recent = sorted(kept, key=lambda one: (kept[one].last, one), reverse=True)
-    fitting = dict(
-        zip(
-            recent,
-            fit_into(MAX_FILE_BYTES, [kept[one].pictures.best for one in recent]),
-            strict=True,
-        )
-    )
+    fitted = fit_into(MAX_FILE_BYTES, [kept[one].pictures.best for one in recent])
+    fitting = dict(zip(recent, fitted, strict=True))
     rows = [
         _Row(
             id=one,

@@ -113,16 +113,11 @@ class FrameFeatures:
         images = np.pad(closeups.images, (*lacking, (0, 0)))
         coverage = np.pad(closeups.coverage, lacking)
         wanted = self._near(coverage > 0)
-        batches = [
-            slice(first, first + CLOSEUPS_AT_ONCE)
-            for first in range(0, num_slots, CLOSEUPS_AT_ONCE)
-        ]
-        features = [
-            self._backbone.extract_closeups(
-                images[batch], None if wanted is None else wanted[batch], coverage[batch]
-            )
-            for batch in batches
-        ]
+        features = []
+        for first in range(0, num_slots, CLOSEUPS_AT_ONCE):
+            batch = slice(first, first + CLOSEUPS_AT_ONCE)
+            near = None if wanted is None else wanted[batch]
+            features.append(self._backbone.extract_closeups(images[batch], near, coverage[batch]))
         return np.concatenate([np.asarray(some) for some in features])[:num]
 
     def _near(self, covered: Bool[np.ndarray, "K Hp Wp"]) -> Bool[np.ndarray, "K Hp Wp"] | None:

@@ -284,18 +284,16 @@ class ObjectRecords:
         A name that an object has here is not given to another one. `number_of` are free ids here
         of the objects that come, by their ids there.
         """
-        came = [record for one, record in other._records.items() if one in number_of]
-        sessions = sorted({sight.session for one in came for sight in (one.first, one.last)})
+        came = {number_of[one]: each for one, each in other._records.items() if one in number_of}
+        sights = (sight for one in came.values() for sight in (one.first, one.last))
+        sessions = sorted({sight.session for sight in sights})
 
         def later(sight: Sight) -> Sight:
             return Sight(self.session + 1 + sessions.index(sight.session), sight.frame)
 
         added = {
-            number_of[one]: dataclasses.replace(
-                record, first=later(record.first), last=later(record.last)
-            )
-            for one, record in other._records.items()
-            if one in number_of
+            one: dataclasses.replace(record, first=later(record.first), last=later(record.last))
+            for one, record in came.items()
         }
         taken = set(self.given.values())
         names = {

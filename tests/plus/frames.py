@@ -9,7 +9,7 @@ import numpy as np
 
 from remind_jax.plus.linking import advance_tracklets
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.state import Objects, PlusState, Tracklets, init, no_tracklets
+from remind_jax.plus.state import Objects, PlusState, Tracklets, blank, init, no_tracklets
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.static import Static
 
@@ -23,22 +23,17 @@ def detections(centers, looks=None, **fields) -> Sightings:
     center = np.asarray(centers, np.float32)
     num = len(center)
     look = np.eye(num, DIM) if looks is None else np.asarray(looks)
-    values = Sightings(
+    values = blank(
+        Sightings,
+        {"N": num, "D": look.shape[1], "G": 0},
         look=look.astype(np.float32),
-        is_background=np.zeros(look.shape[1], bool),
-        light_changes=np.zeros((0, look.shape[1]), np.float32),
-        ring=np.zeros((num, DIM), np.float32),
-        has_ring=np.zeros(num, bool),
         box=np.concatenate([center - 0.5, center + 0.5], axis=1),
         center=center,
-        size=np.ones(num, np.float32),
-        patches=np.full(num, 4.0, np.float32),
-        class_id=np.zeros(num, np.int32),
-        touches=np.zeros(num, bool),
-        valid=np.ones(num, bool),
+        size=1.0,
+        patches=4.0,
+        valid=True,
         frame_center=np.array([3.2, 2.4], np.float32),
-        num_bad_patches=np.int32(0),
-    )  # pyright: ignore[reportArgumentType]
+    )
     return dataclasses.replace(values, **fields)
 
 

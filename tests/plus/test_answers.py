@@ -1,6 +1,6 @@
 """What is reported of each detection: firm answers, doubts, and how probable they are."""
 
-import dataclasses
+from typing import Any
 
 import jax
 import numpy as np
@@ -9,7 +9,6 @@ import pytest
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.answers import report
-from remind_jax.plus.static import NUM_CANDIDATES
 from remind_jax.plus.verdicts import no_verdicts
 from tests.plus.frames import STATIC, T, detections, tracklets_of
 
@@ -31,25 +30,13 @@ def report_one(
 ):
     """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
 
-    def first(blank, value):
-        filled = np.array(blank)
-        filled[0] = value
-        return filled
-
-    verdicts = no_verdicts(STATIC.num_detections)
-    options = np.full((3, NUM_CANDIDATES), NO_ID, np.int32)
-    options[0, :2] = KNOWN, OTHER
-    beliefs = np.zeros((3, NUM_CANDIDATES), np.float32)
+    verdicts: Any = no_verdicts(STATIC.num_detections)
+    beliefs = np.zeros_like(verdicts.option_belief)
     beliefs[0, : len(belief)] = belief
-    of_answer = {KNOWN: belief[0], OTHER: belief[1], OWN: 1 - sum(belief)}[answer]
-    verdicts = dataclasses.replace(
-        verdicts,
-        tracklet_id=first(verdicts.tracklet_id, OWN if valid else NO_ID),
-        answer_id=first(verdicts.answer_id, answer if valid else NO_ID),
-        is_decided=first(verdicts.is_decided, decided),
-        probability=first(verdicts.probability, of_answer),
-        option_id=options,
-    )
+    if valid:
+        verdicts.tracklet_id[0], verdicts.answer_id[0] = OWN, answer
+    verdicts.option_id[0, :2], verdicts.is_decided[0] = (KNOWN, OTHER), decided
+    verdicts.probability[0] = {KNOWN: belief[0], OTHER: belief[1], OWN: 1 - sum(belief)}[answer]
     seen = detections([[1, 1], [2, 2], [3, 3]], size=np.full(3, size, np.float32))
     here = tracklets_of(
         seen,
@@ -60,7 +47,7 @@ def report_one(
         trust=np.full(3, trust, np.float32),
     )
     present = np.array([True, False, False])
-    moving, staying = first(np.zeros(3, np.float32), moves), first(np.ones(3, np.float32), stays)
+    moving, staying = (np.full(3, share, np.float32) for share in (moves, stays))
     return _report(verdicts, beliefs, moving, staying, here, present, seen, STATIC, T.decision)
 
 

@@ -76,11 +76,17 @@ def by_id(state):
     return own | of_pairs
 
 
+def restored(tensors, state, num_classes=3):
+    archive = Archive()
+    archive.restore([tensors], state, num_classes)
+    return archive
+
+
 def test_rest_and_return_lose_nothing_but_the_place():
     num = MAX_PARTNERS + 1  # all others are partners of each
     state = remembered(num)
     archive = Archive()
-    rested = archive.rest(state, EMPTY, range(3, 20))
+    rested = archive.rest_slots(state, EMPTY, range(3, 20))
     assert (rested.objects.id >= 0).sum() == num - 17
     assert sorted(archive.ids()) == state.objects.id[3:20].tolist()
     np.testing.assert_array_equal(rested.pairs.covisible[3:20], 0)
@@ -92,13 +98,13 @@ def test_rest_and_return_lose_nothing_but_the_place():
         for name, leaf in by_id(woken).items():
             np.testing.assert_array_equal(leaf, by_id(state)[name], name)
         slots = [woken.objects.id.tolist().index(one) for one in order]
-        rested = archive.rest(woken, EMPTY, slots)
+        rested = archive.rest_slots(woken, EMPTY, slots)
 
 
 def test_bytes_are_those_of_rows_partners_and_looks():
     archive = Archive()
     assert archive.num_bytes() == 0
-    archive.rest(remembered(20), EMPTY, range(12))
+    archive.rest_slots(remembered(20), EMPTY, range(12))
     tensors = archive.tensors()
     not_counted = ("num_", "partners_of", "whitener.")
     kept = sum(one.nbytes for name, one in tensors.items() if not name.startswith(not_counted))
@@ -109,10 +115,10 @@ def test_bytes_are_those_of_rows_partners_and_looks():
 def test_relations_outlast_a_rest_of_either_object():
     state = remembered(6)
     archive = Archive()
-    state_without = archive.rest(archive.rest(state, EMPTY, [0]), EMPTY, [1])
+    state_without = archive.rest_slots(archive.rest_slots(state, EMPTY, [0]), EMPTY, [1])
     tensors = archive.tensors()
     for order in ((3, 0), (0, 3)):
-        archive = Archive.restored([tensors], state_without, 3)
+        archive = restored(tensors, state_without)
         both = state_without
         for one in order:
             both = archive.wake(both, [one], CENTER)
@@ -126,7 +132,7 @@ def test_relations_outlast_a_rest_of_either_object():
             both.pairs.relation[*at] = sign
         later = both
         for slot in slots:
-            later = archive.rest(later, EMPTY, [slot])
+            later = archive.rest_slots(later, EMPTY, [slot])
         for name, leaf in by_id(archive.wake(later, order, CENTER)).items():
             np.testing.assert_array_equal(leaf, by_id(both)[name], name)
 
@@ -178,27 +184,35 @@ def test_what_an_open_tracklet_is_answered_as_does_not_rest():
     assert rested.objects.id[rested.objects.id >= 0].tolist() == [state.objects.id[2]]
 
 
-@pytest.mark.parametrize("class_id", [0, 1], ids=["", "of a class that none at rest has"])
-def test_what_looks_like_a_detection_makes_no_room_for_others(class_id):
-    num, others = STATIC.num_objects, remembered(3)
-    state = remembered(num)
-    state = dataclasses.replace(state, frame=np.int32(100), next_id=np.int32(9 * num))
+def full_memory():
+    """A memory without a free slot, all alike and far away but one, which rests first; its slot."""
+    state = dataclasses.replace(remembered(STATIC.num_objects), frame=np.int32(100))
     state.scene.white_mean[:], state.objects.position[:] = 0.0, 100.0
+    state.objects.bank[..., :] = np.eye(6)[0]
     longest = int(np.argmin(state.objects.last))
-    at_rest = ObjectsAtRest()
-    others.objects.id[:3] += 3 * num
-    for objects in (state.objects, others.objects):
-        objects.class_id[objects.id >= 0] = 0
-        objects.bank[..., :] = np.eye(6)[0]
-    state.objects.class_id[longest] = class_id
-    state.objects.bank[longest], others.objects.bank[1] = np.eye(6)[1], np.eye(6)[2]
+    state.objects.bank[longest] = np.eye(6)[1]
     state.objects.white_bank[:] = state.objects.bank
-    at_rest.archive.rest(dataclasses.replace(others, scene=state.scene), EMPTY, range(3))
-    seen = types.SimpleNamespace(
-        sightings=detections(np.zeros((2, 2)), np.eye(6)[1:3], class_id=np.array([class_id, 0])),
+    return state, longest
+
+
+def frame_with(looks, class_ids):
+    return types.SimpleNamespace(
+        sightings=detections(np.zeros((len(looks), 2)), looks, class_id=np.array(class_ids)),
         motion=types.SimpleNamespace(matrix=np.eye(2, 3)),
     )
-    recalled = at_rest.recall(state, seen, STATIC)
+
+
+@pytest.mark.parametrize("class_id", [0, 1], ids=["", "of a class that none at rest has"])
+def test_what_looks_like_a_detection_makes_no_room_for_others(class_id):
+    (state, longest), others, at_rest = full_memory(), remembered(3), ObjectsAtRest()
+    state = dataclasses.replace(state, next_id=np.int32(9 * STATIC.num_objects))
+    others.objects.id[:3] += 3 * STATIC.num_objects
+    for objects in (state.objects, others.objects):
+        objects.class_id[objects.id >= 0] = 0
+    state.objects.class_id[longest] = class_id
+    others.objects.bank[..., :], others.objects.bank[1] = np.eye(6)[0], np.eye(6)[2]
+    at_rest.rest_slots(dataclasses.replace(others, scene=state.scene), EMPTY, range(3))
+    recalled = at_rest.recall(state, frame_with(np.eye(6)[1:3], [class_id, 0]), STATIC)
     assert recalled is not None
     now = recalled.objects.id.tolist()
     assert others.objects.id[1] in now
@@ -206,20 +220,8 @@ def test_what_looks_like_a_detection_makes_no_room_for_others(class_id):
 
 
 def test_what_a_frame_shows_rests_last_when_it_needs_room():
-    num = STATIC.num_objects
-    state = remembered(num)
-    state = dataclasses.replace(state, frame=np.int32(100))
-    state.scene.white_mean[:], state.objects.position[:] = 0.0, 100.0
-    longest = int(np.argmin(state.objects.last))
-    state.objects.bank[..., :] = np.eye(6)[0]
-    state.objects.bank[longest] = np.eye(6)[1]
-    state.objects.white_bank[:] = state.objects.bank
-    class_id = state.objects.class_id[longest, None]
-    seen = types.SimpleNamespace(
-        sightings=detections(np.zeros((1, 2)), np.eye(6)[1:2], class_id=class_id),
-        motion=types.SimpleNamespace(matrix=np.eye(2, 3)),
-    )
-    at_rest = ObjectsAtRest()
+    (state, longest), at_rest, num = full_memory(), ObjectsAtRest(), STATIC.num_objects
+    seen = frame_with(np.eye(6)[1:2], [state.objects.class_id[longest]])
     rested = at_rest.make_room(state, seen, STATIC, num + 2)
     assert rested is not None
     assert state.objects.id[longest] in rested.objects.id
@@ -258,9 +260,9 @@ def test_an_object_without_looks_rests_as_well():
     state = remembered(3)
     state.objects.bank_count[1] = 0
     archive = Archive()
-    rested = archive.rest(state, EMPTY, [1])
+    rested = archive.rest_slots(state, EMPTY, [1])
     assert archive.wake(rested, archive.ids(), CENTER).objects.bank_count[1].sum() == 0
-    archive.rest(state, EMPTY, [1])
+    archive.rest_slots(state, EMPTY, [1])
     archive.forget([3])
     assert not len(archive)
 
@@ -268,7 +270,7 @@ def test_an_object_without_looks_rests_as_well():
 def test_looks_are_whitened_anew_as_time_goes_on():
     state = remembered(9)
     archive = Archive()
-    archive.rest(state, EMPTY, range(5))
+    archive.rest_slots(state, EMPTY, range(5))
     renewed = []
     for ticks in range(0, 4000, 10):
         state.scene.white_mean[:] = ticks  # whatever was learned meanwhile
@@ -363,19 +365,19 @@ def test_what_rested_is_known_again_and_no_program_grows(building, tmp_path):
 
 def test_a_file_whose_objects_at_rest_do_not_belong_together_is_refused(tmp_path):
     archive = Archive()
-    state = archive.rest(remembered(9), EMPTY, range(5))
+    state = archive.rest_slots(remembered(9), EMPTY, range(5))
     tensors = archive.tensors()
     earlier = {name: tensor for name, tensor in tensors.items() if name != "class_lead"}
-    snapshot = Archive.restored([earlier], state, 3).snapshot()
+    snapshot = restored(earlier, state).snapshot()
     leads = [int(one.values["class_lead"]) for one in snapshot.resting.values()]
     assert leads == tensors["seen"].tolist()
     for name, tensor in earlier.items():
         with pytest.raises((ValueError, KeyError)):
-            Archive.restored([{**tensors, name: tensor[1:]}], state, 3)
+            restored({**tensors, name: tensor[1:]}, state)
         lacking = {key: one for key, one in tensors.items() if key != name}
         with pytest.raises(KeyError):
-            Archive.restored([lacking], state, 3)
-    assert len(Archive.restored([tensors], state, 3)) == 5
+            restored(lacking, state)
+    assert len(restored(tensors, state)) == 5
 
 
 def test_what_is_seen_least_is_forgotten_beyond_a_bound(building):
@@ -401,7 +403,7 @@ def test_what_is_seen_least_is_forgotten_beyond_a_bound(building):
         rj.Tracker(config={"input": {"max_objects": 3}}, tracker="bank")
 
 
-@pytest.mark.parametrize("name", ["wake", "rest"])
+@pytest.mark.parametrize("name", ["wake", "rest_slots"])
 def test_ctrl_c_while_objects_wake_or_rest_loses_none(name, monkeypatch, tmp_path):
     building = Building(10 * PER_PLACE, noise=0.05, one_class=False, seed=3)
     tracker = rj.Tracker(config=SMALL)

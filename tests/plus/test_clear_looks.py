@@ -28,7 +28,6 @@ def test_places_that_lie_alike_are_told_apart_over_cuts(num_classes, seed):
             GRID + rng.normal(scale=0.01, size=GRID.shape),
             looks[row] + rng.normal(scale=0.1, size=(PER_PLACE, DIM)),
             class_id=classes[row],
-            ring=np.zeros((PER_PLACE, DIM)),
         )
         for row in things
     ]

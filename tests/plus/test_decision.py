@@ -8,13 +8,29 @@ import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.decision import CLEAR_LEAD, HESITATION, Choice, decide, learn_newness
-from remind_jax.plus.evidence import OwnEvidence, Shortlist
+from remind_jax.plus.evidence import Shortlist
+from remind_jax.plus.layout import nothing_weighed
 from remind_jax.plus.state import init, no_tracklets
+from remind_jax.plus.static import NUM_CANDIDATES
 from remind_jax.plus.thresholds import Decision
 from remind_jax.static import Static
 
+STATIC = Static(num_detections=1, num_objects=4, feature_dim=3)
 SLOT = 2
 NEW = Decision().new
+
+
+def only_candidate(valid: bool = True, **evidence: float) -> Shortlist:
+    """One object; of its evidence what is not given is 0."""
+    nothing = nothing_weighed(1)[0]
+    is_first = jnp.arange(NUM_CANDIDATES)[None] == 0
+    own = {kind: jnp.full((1, NUM_CANDIDATES), odds) for kind, odds in evidence.items()}
+    return dataclasses.replace(
+        nothing,
+        slot=jnp.full((1, NUM_CANDIDATES), SLOT),
+        valid=is_first & valid,
+        evidence=dataclasses.replace(nothing.evidence, **own),
+    )
 
 
 @jax.jit
@@ -22,25 +38,17 @@ def decide_alone(
     age: int, odds: float, tentative: float, familiarity: float = 0.0, stays: float = 1.0
 ) -> Choice:
     """One open tracklet; by itself, how familiar the scene is counts for nothing."""
-    static = Static(num_detections=1, num_objects=4, feature_dim=3)
     here = dataclasses.replace(
         no_tracklets(1, 3),
         age=jnp.array([age]),
         duration=jnp.array([1.0 * age]),
         class_id=jnp.array([0]),
     )
-    evidence = jnp.array([[odds]])
-    candidate = Shortlist(
-        slot=jnp.array([[SLOT]]),
-        valid=jnp.array([[True]]),
-        base=evidence,
-        cosine=evidence,
-        evidence=OwnEvidence(**dict.fromkeys(OwnEvidence.kinds(), evidence)),
-    )
+    candidate, evidence = only_candidate(), jnp.full((1, NUM_CANDIDATES), odds)
     is_open = jnp.array([True])
     t = Decision(familiarity=familiarity, tentative=tentative)
-    scene, each = init(static).scene, jnp.full(1, stays)
-    return decide(candidate, evidence, is_open, here, each, scene, static.num_objects, t)
+    scene, each = init(STATIC).scene, jnp.full(1, stays)
+    return decide(candidate, evidence, is_open, here, each, scene, STATIC.num_objects, t)
 
 
 def test_in_doubt_an_early_answer_is_a_known_object():
@@ -83,21 +91,15 @@ def test_what_hardly_leads_waits_for_more_views(side):
 
 def newness_after_birth(class_odds: float, valid: bool) -> float:
     """Running share of new things after one more of them that one object might have been."""
-    static = Static(num_detections=1, num_objects=4, feature_dim=3)
-    state = init(static)
-    evidence = dict.fromkeys(OwnEvidence.kinds(), jnp.zeros((1, 1)))
-    evidence["class_name"] = jnp.array([[class_odds]])
-    blank, yes, no = jnp.zeros((1, 1)), jnp.array([True]), jnp.array([False])
-    candidate = Shortlist(
-        jnp.array([[SLOT]]), jnp.array([[valid]]), blank, blank, OwnEvidence(**evidence)
-    )
-    zero = jnp.zeros(1)
+    state = init(STATIC)
+    candidate = only_candidate(valid, class_name=class_odds)
+    zero, yes, no = jnp.zeros(1), jnp.array([True]), jnp.array([False])
     choice = Choice(jnp.array([NO_SLOT]), zero, zero, zero, recognized=no, born=yes)
     scene, _ = learn_newness(state.scene, state.objects, choice, jnp.array([0]), candidate)
     return float(scene.newness[0])
 
 
 def test_a_new_object_tells_of_newness_only_where_it_could_have_been_a_known_one():
-    usual = float(init(Static(num_detections=1, num_objects=4, feature_dim=3)).scene.newness[0])
+    usual = float(init(STATIC).scene.newness[0])
     assert newness_after_birth(0.0, valid=False) == usual
     assert newness_after_birth(0.0, valid=True) > newness_after_birth(-3.0, valid=True) > usual

@@ -17,15 +17,16 @@ NOBODY = jnp.zeros(4, bool)
 calibrate = jax.jit(evidence.calibrate)
 
 
-def candidates(objects, seen, held=NOBODY, waiting=NOBODY):
-    return _candidates(tracklets_of(seen, 0, 3), objects, seen, held, waiting)
+def candidates(objects, seen, held=NOBODY, waiting=NOBODY, here=None, cosine=None):
+    here = tracklets_of(seen, 0, 3) if here is None else here
+    cosine = best_cosine(seen.look, objects) if cosine is None else cosine
+    return _candidates(here, objects, seen, held, waiting, cosine)
 
 
 @jax.jit
-def _candidates(here, objects, seen, held, waiting):
+def _candidates(here, objects, seen, held, waiting, cosine):
     state = empty_state()
     admitted = jnp.broadcast_to(objects.exists & ~held, (3, 4))
-    cosine = best_cosine(seen.look, objects)
     names = name_odds(here.class_id, objects.class_id, confusion_odds(state.scene, T.names))
     return shortlist(
         here, seen, admitted, waiting, cosine, names, objects, state.pairs, state.scene, T
@@ -67,17 +68,11 @@ def test_small_masks_say_less_by_their_looks():
 
 def lead_of(looks: list[float], waited: bool = True, class_id: int = 0) -> np.ndarray:
     """Evidence of a lead of each object, whose cosines to the detection are given."""
-    state = empty_state()
     objects = objects_of(LOOKS, class_id=jnp.array([0, 0, class_id, 0]))
     seen = detections([[1, 1]] * 3)
     here = tracklets_of(seen, 0, 3, duration=np.full(3, 8.0 if waited else 7.0))
     cosine = jnp.broadcast_to(jnp.array([*looks, -1.0]), (3, 4))
-    names = name_odds(here.class_id, objects.class_id, confusion_odds(state.scene, T.names))
-    admitted = jnp.broadcast_to(objects.exists, (3, 4))
-    found = shortlist(
-        here, seen, admitted, NOBODY, cosine, names, objects,
-        state.pairs, state.scene, T,
-    )  # fmt: skip
+    found = candidates(objects, seen, here=here, cosine=cosine)
     lead = np.zeros(4)
     lead[np.asarray(found.slot[0])] = np.asarray(found.evidence.lead[0])
     return lead[:3]

@@ -13,14 +13,13 @@ from benchmarks.building import PER_PLACE, STAY, Building
 from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.method import Joining
 from remind_jax.plus import memory_matching
-from remind_jax.plus.archive import Archive
 from remind_jax.plus.joining import join
 from remind_jax.plus.memory_matching import NOBODY
 from remind_jax.plus.recall import ObjectsAtRest
 from remind_jax.plus.state import init, no_tracklets
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.static import Static
-from tests.plus.test_archive import by_id, walk
+from tests.plus.test_archive import by_id, restored, walk
 
 DIM, SEEN = 32, 20
 STATIC = Static(num_detections=4, num_objects=16, feature_dim=DIM)
@@ -53,6 +52,16 @@ def memory(*groups, next_id=40):
     return dataclasses.replace(state, next_id=np.int32(next_id), frame=np.int32(33))
 
 
+def leaving(state, ages=(2,), look=2):
+    """The memory with open tracklets that look new, of these ages; `look` is that of the first."""
+    num = len(ages)
+    tracklets = jax.tree.map(np.array, no_tracklets(len(state.tracklets.alive), DIM))
+    tracklets.alive[:num], tracklets.leans_new[:num], tracklets.age[:num] = True, True, ages
+    tracklets.id[:num], tracklets.class_id[:num] = 6 + np.arange(num), 0
+    tracklets.look[0] = LOOKS[look]
+    return dataclasses.replace(state, tracklets=tracklets)
+
+
 def joined(state, other, class_ids=ONE_CLASS):
     at_rest = ObjectsAtRest()
     sides = Joining(state, at_rest, {}), Joining(other, ObjectsAtRest(), {})
@@ -68,7 +77,7 @@ def test_nothing_of_this_memory_changes_and_all_of_the_other_comes():
     for name, leaf in by_id(after).items():
         np.testing.assert_array_equal(leaf, by_id(state)[name], name)
     assert sorted(at_rest.ids()) == [40, 41]
-    woken = at_rest.archive.wake(after, [40, 41], np.zeros(2, np.float32))
+    woken = at_rest.wake(after, [40, 41], np.zeros(2, np.float32))
     slots = [woken.objects.id.tolist().index(one) for one in (40, 41)]
     assert woken.objects.last[slots].tolist() == [-70, -70]  # 103 frames ago
     np.testing.assert_array_equal(woken.objects.bank[slots, 0], other.objects.bank[:2, 0])
@@ -78,29 +87,19 @@ def test_nothing_of_this_memory_changes_and_all_of_the_other_comes():
 
 
 def test_what_was_not_decided_yet_comes_as_after_its_last_frame():
-    other = memory({0: 1}, next_id=9)
-    tracklets = jax.tree.map(np.array, no_tracklets(len(other.tracklets.alive), DIM))
-    tracklets.alive[:3], tracklets.leans_new[:2], tracklets.age[:3] = True, True, (2, 1, 2)
-    tracklets.id[:3], tracklets.class_id[:3], tracklets.look[0] = (6, 7, 8), 0, LOOKS[2]
-    other = dataclasses.replace(other, tracklets=tracklets)
+    other = leaving(memory({0: 1}, next_id=9), ages=(2, 1, 2))
+    other.tracklets.leans_new[2] = False
     (_, found), at_rest = joined(memory({3: 2}), other)
     assert found.ids == {0: 40, 6: 41}
     assert found.matched == ((3, 41),)
-    assert 41 in at_rest.archive
-    assert set(at_rest.archive.snapshot().resting[41].values) == set(
-        at_rest.archive.snapshot().resting[40].values
-    )
+    assert 41 in at_rest
+    assert set(at_rest.snapshot().resting[41].values) == set(at_rest.snapshot().resting[40].values)
 
 
 def test_a_memory_that_took_in_what_has_no_partners_is_written_and_read():
-    other = memory({0: 1}, next_id=9)
-    tracklets = jax.tree.map(np.array, no_tracklets(len(other.tracklets.alive), DIM))
-    tracklets.alive[0], tracklets.leans_new[0], tracklets.age[0] = True, True, 2
-    tracklets.id[0], tracklets.class_id[0], tracklets.look[0] = 6, 0, LOOKS[2]
-    nothing = dataclasses.replace(memory(next_id=9), tracklets=tracklets)
-    (state, _), at_rest = joined(memory({3: 1}), nothing)
-    restored = Archive.restored([at_rest.archive.tensors()], state, 1)
-    assert restored.ids() == [40]
+    (state, _), at_rest = joined(memory({3: 1}), leaving(memory(next_id=9)))
+    again = restored(at_rest.tensors(), state, 1)
+    assert again.ids() == [40]
 
 
 @pytest.mark.parametrize("num", [2, 3])
@@ -139,7 +138,7 @@ def test_what_rests_in_either_memory_is_matched_like_the_others():
     for number, slots in enumerate(([0, 1, 3], [1, 2])):
         at_rest.append(ObjectsAtRest())
         empty = memory()
-        states[number] = at_rest[-1].archive.rest(states[number], empty, slots)
+        states[number] = at_rest[-1].rest_slots(states[number], empty, slots)
     this, that = (Joining(one, rest, {}) for one, rest in zip(states, at_rest, strict=True))
     state, found = join(this, that, ONE_CLASS, PlusThresholds())
     assert sorted(found.matched) == [(one, found.ids[one]) for one in range(5)]
@@ -249,13 +248,8 @@ def test_memories_that_are_joined_every_night_do_not_grow_by_copies(tmp_path):
 
 
 def test_open_tracklets_that_come_back_are_known():
-    state, other = memory({3: 2}), memory({0: 1}, next_id=9)
-    tracklets = jax.tree.map(np.array, no_tracklets(len(state.tracklets.alive), DIM))
-    tracklets.alive[0], tracklets.leans_new[0], tracklets.age[0] = True, True, 2
-    tracklets.id[0], tracklets.class_id[0], tracklets.look[0] = 6, 0, LOOKS[5]
-    state = dataclasses.replace(state, tracklets=tracklets)
-    other = dataclasses.replace(other, tracklets=tracklets)
-    (_, found), at_rest = joined(state, other)
+    both = memory({3: 2}), memory({0: 1}, next_id=9)
+    (_, found), at_rest = joined(*(leaving(state, look=5) for state in both))
     assert found.ids == {0: 40}
     assert at_rest.ids() == [40]
 

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import layout
-from remind_jax.plus.evidence import OwnEvidence, Shortlist
 from remind_jax.plus.layout import weigh_jointly
 from remind_jax.plus.state import init
 from remind_jax.plus.static import NUM_CANDIDATES
@@ -40,14 +39,13 @@ def weigh_anew(looks, moved, rare, speed):
     num = STATIC.num_detections
     row = jnp.arange(num)[:, None]
     first = (jnp.arange(NUM_CANDIDATES)[None] == 0) & (row < NUM)
-    nothing = jnp.zeros((num, NUM_CANDIDATES))
-    own = OwnEvidence(**dict.fromkeys(OwnEvidence.kinds(), nothing))
-    shortlist = Shortlist(
+    nothing, _ = layout.nothing_weighed(num)
+    shortlist = dataclasses.replace(
+        nothing,
         slot=jnp.where(first, row, 0),
         valid=first,
         base=jnp.where(first, looks, 0.0),
-        cosine=nothing,
-        evidence=dataclasses.replace(own, looks=nothing + looks),
+        evidence=dataclasses.replace(nothing.evidence, looks=nothing.base + looks),
     )
     nobody = jnp.full(num, NO_SLOT)
     sightings = seen(anchors=PLACES)

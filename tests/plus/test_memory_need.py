@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.plus.memory_need import count_bytes
 from remind_jax.plus.state import init
+from remind_jax.plus.static import count_bytes
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
@@ -20,8 +20,7 @@ DIM = 177
 def used(detections: int, objects: int) -> tuple[int, int]:
     """Bytes of the memory, and of what the compiled step needs for the time being."""
     static = Static(num_detections=detections, num_objects=objects, feature_dim=DIM)
-    blank = np.zeros((detections, DIM), np.float32)
-    seen = frames.detections(blank[:, :2], blank, ring=blank)
+    seen = frames.detections(np.zeros((detections, 2)), np.zeros((detections, DIM)))
     step = functools.partial(advance, static=static, thresholds=PlusThresholds())
     state = init(static)
     compiled = (

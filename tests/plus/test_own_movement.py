@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus import evidence, learning, own_movement, scene_map
+from remind_jax.plus import learning, own_movement, scene_map
 from remind_jax.plus.own_movement import (
     HALF_SPEED,
     LEAVING,
@@ -33,6 +33,7 @@ from tests.plus.frames import (
     objects_of,
     tracklets_of,
 )
+from tests.plus.test_evidence import candidates
 
 ROOM = 9
 expect_step = jax.jit(own_movement.expect_step)
@@ -40,7 +41,7 @@ learn_speeds, learn_relations = (
     jax.jit(own_movement.learn_speeds),
     jax.jit(learning.learn_relations),
 )
-move_map, shortlist = jax.jit(scene_map.move_map), jax.jit(evidence.shortlist)
+move_map = jax.jit(scene_map.move_map)
 START = np.array([[1.0, 1.0], [3.0, 1.0], [5.0, 1.0]])
 WALK = np.array([0.3, 0.0])
 STILL = motion((0.0, 0.0), 1.0)
@@ -156,14 +157,8 @@ def test_a_relation_is_forgotten_as_fast_as_its_objects_move():
 
 def test_looks_of_what_moves_may_decide_alone():
     def weigh(speed: float):
-        state, objects = empty_state(), with_speed(speed)
-        here = tracklets_of(detections(START), 0, 3)
-        cosine = jnp.full((3, 4), 0.95)
-        admitted = jnp.broadcast_to(objects.exists[None], (3, 4))
-        found = shortlist(
-            here, detections(START), admitted, jnp.zeros(4, bool), cosine, jnp.zeros((3, 4)),
-            objects, state.pairs, state.scene, T,
-        )  # fmt: skip
+        alike = jnp.full((3, 4), 0.95)
+        found = candidates(with_speed(speed), detections(START), cosine=alike)
         first = jnp.argmax(found.slot[0] == 0)
         return jax.tree.map(lambda kind: float(kind[0, first]), found.evidence)
 

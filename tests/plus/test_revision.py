@@ -48,12 +48,12 @@ def test_every_frame_leaves_once_and_in_order(delay):
 
 
 def test_an_open_tracklet_gets_the_answer_that_it_has_later():
-    frames = [
-        (answers(0, [NO_ID], [Outcome.AMBIGUOUS]), state([7])),
-        (answers(1, [3], [Outcome.MATCH]), state([7])),
-    ]
+    ambiguous = answers(0, [NO_ID], [Outcome.AMBIGUOUS])
+    ambiguous = dataclasses.replace(ambiguous, status=np.array([Status.AMBIGUOUS]))
+    frames = [(ambiguous, state([7])), (answers(1, [3], [Outcome.MATCH]), state([7]))]
     first, _ = run(1, frames)
     assert first.object_id.tolist() == [3]
+    assert first.status.tolist() == [Status.STRONG]
     assert first.outcome.tolist() == [Outcome.MATCH]
     assert first.pending_id.tolist() == [NO_ID]
     assert first.candidate_id.max() == NO_ID
@@ -112,10 +112,3 @@ def test_an_object_is_new_in_the_first_frame_that_it_is_answered_in(delay):
     firm = [tracks.outcome[0] for tracks in told if tracks.object_id[0] != NO_ID]
     assert firm == [Outcome.NEW] + [Outcome.MATCH] * (len(firm) - 1)
     assert len(firm) == (3 if delay == 0 else 4)
-
-
-def test_a_revised_answer_is_as_clear_as_one_that_was_firm_at_once():
-    ambiguous = answers(0, [NO_ID], [Outcome.AMBIGUOUS])
-    ambiguous = dataclasses.replace(ambiguous, status=np.array([Status.AMBIGUOUS]))
-    told, _ = run(1, [(ambiguous, state([7])), (answers(1, [3], [Outcome.MATCH]), state([7]))])
-    assert told.status.tolist() == [Status.STRONG]

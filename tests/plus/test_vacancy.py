@@ -29,8 +29,8 @@ def seen(*more: tuple[float, float], anchors: np.ndarray = ANCHORS) -> Sightings
     num, here = STATIC.num_detections, [*anchors, *more]
     center, valid = np.zeros((num, 2), np.float32), np.arange(num) < len(here)
     center[: len(here)] = here
-    size, blank = np.full(num, SIZE, np.float32), np.zeros((num, STATIC.feature_dim), np.float32)
-    return detections(center, blank, ring=blank, size=size, valid=valid)
+    looks, size = np.zeros((num, STATIC.feature_dim)), np.full(num, SIZE, np.float32)
+    return detections(center, looks, size=size, valid=valid)
 
 
 def is_gone(sightings: Sightings, decided: tuple[int, ...] = (0, 1, 2)) -> bool:

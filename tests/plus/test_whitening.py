@@ -101,7 +101,7 @@ def test_the_only_object_looks_like_itself_and_others_do_not():
     scene = state.scene
     for frame in map(jnp.int32, range(20)):
         step = rng.normal(scale=0.01, size=(1, dim)).astype(np.float32)
-        seen = detections(np.zeros((1, 2)), one + step, ring=np.zeros((1, dim), np.float32))
+        seen = detections(np.zeros((1, 2)), one + step)
         linked = jnp.array([frame > 0])
         scene = learn_scatter(scene, seen, jnp.asarray(step), linked, FULL[:1], frame)
         scene, _ = renew_whitening(scene, state.objects, seen, frame, T)
@@ -188,7 +188,7 @@ def test_directions_that_no_look_spans_yet_are_not_those_of_rounding():
         scene = state.scene
         for frame in map(jnp.int32, range(9)):
             shown = looks * (1 + rounding * rng.normal(size=looks.shape))
-            seen = detections(np.zeros((num, 2)), shown, ring=np.zeros_like(looks))
+            seen = detections(np.zeros((num, 2)), shown)
             steps = jnp.asarray(shown - looks, jnp.float32)
             scene = learn_scatter(scene, seen, steps, jnp.ones(num, bool), FULL, frame)
             scene, _ = renew_whitening(scene, state.objects, seen, frame, T)

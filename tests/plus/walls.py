@@ -9,11 +9,10 @@ import jax
 import numpy as np
 
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.state import PlusState, init
+from remind_jax.plus.state import PlusState, blank, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
-from tests.plus.frames import detections
 from tests.statics import change_parts
 
 DIM = 6
@@ -80,17 +79,9 @@ def pan(
 
 def _empty(frames: int, num: int) -> dict[str, np.ndarray]:
     """The fields of frames in which nothing is seen."""
-    zeros = np.zeros((num, DIM), np.float32)
-    blank = detections(
-        zeros[:, :2],
-        zeros,
-        ring=zeros,
-        box=zeros[:, :4],
-        size=np.full(num, 0.01, np.float32),
-        patches=zeros[:, 0],
-        valid=np.zeros(num, bool),
-    )
-    return {name: np.repeat(leaf[None], frames, 0) for name, leaf in vars(blank).items()}
+    center = np.array([3.2, 2.4], np.float32)
+    nothing = blank(Sightings, {"N": num, "D": DIM, "G": 0}, size=0.01, frame_center=center)
+    return {name: np.repeat(leaf[None], frames, 0) for name, leaf in vars(nothing).items()}
 
 
 @functools.partial(jax.jit, static_argnames="static")

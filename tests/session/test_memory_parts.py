@@ -30,10 +30,10 @@ class Life:
         self.rest(range(20))
 
     def rest(self, slots) -> None:
-        self.state = self.at_rest.archive.rest(self.state, EMPTY, slots)
+        self.state = self.at_rest.rest_slots(self.state, EMPTY, slots)
 
     def wake(self, ids) -> None:
-        self.state = self.at_rest.archive.wake(self.state, ids, CENTER)
+        self.state = self.at_rest.wake(self.state, ids, CENTER)
         self.at_rest.drop_present(self.state)
 
     def go_on(self, frame: int) -> None:
@@ -79,14 +79,21 @@ def path(tmp_path) -> Path:
     return tmp_path / "memory.safetensors"
 
 
-def test_what_changed_is_added_and_read_back(path, caplog):
+@pytest.fixture
+def begun(path) -> tuple[Life, MemoryFile]:
+    """A life whose memory was written once."""
     life, file = Life(), MemoryFile(path)
     file.update(life.memory)
+    return life, file
+
+
+def test_what_changed_is_added_and_read_back(path, begun, caplog):
+    life, file = begun
     whole = path.read_bytes()
     for frame in (1, 2, 3):
         life.go_on(frame)
         if frame == 2:
-            life.at_rest.archive.forget(life.at_rest.ids()[-4:])
+            life.at_rest.forget(life.at_rest.ids()[-4:])
         file.update(life.memory)
         save_memory(path.with_name("whole"), life.memory)
         assert_same(load_memory(path), load_memory(path.with_name("whole")))
@@ -95,9 +102,8 @@ def test_what_changed_is_added_and_read_back(path, caplog):
     assert not caplog.records
 
 
-def test_nothing_at_rest_is_added_where_nothing_changed(path):
-    life, file = Life(), MemoryFile(path)
-    file.update(life.memory)
+def test_nothing_at_rest_is_added_where_nothing_changed(path, begun):
+    life, file = begun
     size = path.stat().st_size
     file.update(life.memory)
     assert life.at_rest.tensors(life.at_rest.snapshot()) == {}
@@ -106,9 +112,8 @@ def test_nothing_at_rest_is_added_where_nothing_changed(path):
     assert_same(load_memory(path), life.memory)
 
 
-def test_a_kill_at_any_byte_leaves_the_memory_before(path, caplog):
-    life, file = Life(), MemoryFile(path)
-    file.update(life.memory)
+def test_a_kill_at_any_byte_leaves_the_memory_before(path, begun, caplog):
+    life, file = begun
     life.go_on(1)
     file.update(life.memory)
     kept, before = load_memory(path), path.stat().st_size
@@ -127,9 +132,8 @@ def test_a_kill_at_any_byte_leaves_the_memory_before(path, caplog):
     assert_same(load_memory(path), life.memory)
 
 
-def test_a_file_is_written_anew_before_it_is_three_times_as_large(path):
-    life, file = Life(), MemoryFile(path)
-    file.update(life.memory)
+def test_a_file_is_written_anew_before_it_is_three_times_as_large(path, begun):
+    life, file = begun
     whole, sizes = path.stat().st_size, []
     for _ in range(12):
         file.update(life.memory)
@@ -139,30 +143,17 @@ def test_a_file_is_written_anew_before_it_is_three_times_as_large(path):
     assert_same(load_memory(path), life.memory)
 
 
-def test_a_file_that_somebody_else_wrote_stays(path):
-    life, other, file = Life(), Life(), MemoryFile(path)
-    file.update(life.memory)
-    other.go_on(9)
-    save_memory(path, other.memory)
-    for _ in range(2):
-        with pytest.raises(OutputError, match="changed by another program"):
-            file.update(life.memory)
-    assert_same(load_memory(path), other.memory)
-
-
-def test_a_file_that_is_gone_is_written_anew(path):
-    life, file = Life(), MemoryFile(path)
-    file.update(life.memory)
+def test_a_file_that_is_gone_is_written_anew(path, begun):
+    life, file = begun
     path.unlink()
     life.go_on(1)
     file.update(life.memory)
     assert_same(load_memory(path), life.memory)
 
 
-def test_changes_that_do_not_fit_are_refused(path, caplog):
+def test_changes_that_do_not_fit_are_refused(path, begun, caplog):
     caplog.set_level(logging.ERROR)
-    life, file = Life(), MemoryFile(path)
-    file.update(life.memory)
+    life, file = begun
     ends = [path.stat().st_size]
     for frame in (1, 2):
         life.go_on(frame)

@@ -244,10 +244,16 @@ def test_a_memory_that_cannot_be_written_leaves_the_rest(tmp_path, monkeypatch):
     assert len(Result.load(tmp_path / "run").tracks) == 3
 
 
+def write_frames(folder: Path, masks: list[str]) -> None:
+    """Two frames, and for these empty masks."""
+    making.write_images(folder / "frames", ["0.png", "1.png"])
+    (folder / "masks").mkdir()
+    for name in masks:
+        making.write_image(folder / "masks" / name, np.zeros(making.SIZE, np.uint8))
+
+
 def test_what_the_source_has_to_say_is_in_the_result(tmp_path):
-    making.write_images(tmp_path / "frames", ["0.png", "1.png"])
-    (tmp_path / "masks").mkdir()
-    making.write_image(tmp_path / "masks" / "0.png", np.zeros(making.SIZE, np.uint8))
+    write_frames(tmp_path, masks=["0.png"])
     result = rj.run(tmp_path / "frames", masks=tmp_path / "masks")
     (event,) = result.events
     assert (event.frame_index, event.kind) == (-1, "input")
@@ -255,10 +261,7 @@ def test_what_the_source_has_to_say_is_in_the_result(tmp_path):
 
 
 def test_a_slow_recording_keeps_its_rate_beside_an_overlay_that_plays(tmp_path):
-    making.write_images(tmp_path / "frames", ["0.png", "1.png"])
-    (tmp_path / "masks").mkdir()
-    for name in ("0.png", "1.png"):
-        making.write_image(tmp_path / "masks" / name, np.zeros(making.SIZE, np.uint8))
+    write_frames(tmp_path, masks=["0.png", "1.png"])
     given = {"masks": tmp_path / "masks", "image_fps": 0.001}
     result = rj.run(tmp_path / "frames", out=tmp_path / "run", **given)
     assert result.info.fps == Result.load(tmp_path / "run").info.fps == 0.001
