@@ -295,3 +295,5 @@ class Event:
     frame_index: Annotated[int, Meta(ge=-1, lt=MAX_ROWS)]  # -1: of the whole run
     kind: Label  # a word or two: "dropped", "features"
     message: Text
+    # Ids that it is about; of what turned out to be another object both, that one last.
+    objects: Annotated[tuple[Small, ...], Meta(max_length=MAX_ROWS)] = ()

@@ -52,7 +52,7 @@ class DelayedAnswers:
         """`delay`: frames that an answer waits."""
         self._delay = delay
         self._waiting: deque[tuple[Any, Tracks, Int[np.ndarray, "N"]]] = deque()
-        self._latest: dict[int, _Latest] = {}  # by tracklet
+        self._latest: dict[int, _Latest] = {}  # by tracklet, of those that wait
         self._begun: set[int] = set()  # objects whose own tracklet was answered
 
     def push(
@@ -73,6 +73,8 @@ class DelayedAnswers:
     def _release(self) -> tuple[Any, Tracks]:
         frame, tracks, tracklet = self._waiting.popleft()
         latest = [self._latest.get(one, _Latest()) for one in tracklet.tolist()]
+        still = {one for *_, waiting in self._waiting for one in waiting.tolist()}
+        self._latest = {one: answer for one, answer in self._latest.items() if one in still}
         object_id, outcome = tracks.object_id.copy(), tracks.outcome.copy()
         reason, confidence = tracks.reason.copy(), tracks.confidence.copy()
         status = tracks.status.copy()
@@ -91,7 +93,8 @@ class DelayedAnswers:
         is_own = settled & (object_id == tracklet)
         # One that was shown before, in a run that this one goes on from, matches from the start.
         may_begin = (outcome == Outcome.NEW) | (object_id != tracks.object_id)
-        begins = is_own & may_begin & ~np.isin(object_id, list(self._begun))
+        has_begun = np.array([one in self._begun for one in object_id.tolist()], bool)
+        begins = is_own & may_begin & ~has_begun
         self._begun.update(object_id[is_own].tolist())
         for rows, said in (
             (is_own & (outcome == Outcome.NEW), (Outcome.MATCH, Reason.ASSIGNED)),

@@ -27,8 +27,8 @@ from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import AtRest, Method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.observation import AnyFeats
-from remind_jax.outputs.run_records import Event, MemoryUse
-from remind_jax.printing.words import listing, plural
+from remind_jax.outputs.run_records import MemoryUse
+from remind_jax.printing.words import listing
 from remind_jax.session.ahead import Ahead
 from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.memory_faults import check_first
@@ -199,8 +199,8 @@ class GrowingMemory:
         self._shrink(make_input, num)
         return readout.decisions, outlines
 
-    def forget_excess(self, frame_index: int) -> list[Event]:
-        """Lets objects out of view go where more are known than are to be remembered."""
+    def forget_excess(self) -> list[int]:
+        """Lets objects out of view go where more are known than are to be remembered; their ids."""
         if not self._max_objects or self.at_rest is None:
             return []
         present, resting = self._count()
@@ -209,13 +209,7 @@ class GrowingMemory:
             return []
         if excess > resting:
             self.state = self.at_rest.rest(self.state, self.static, excess - resting)
-        gone = self.at_rest.forget_least_known(excess)
-        if not gone:  # all are in view
-            return []
-        what = (
-            f"{plural(len(gone), 'object')} forgotten, as more than {self._max_objects} were known"
-        )
-        return [Event(frame_index, "forgotten", what)]
+        return self.at_rest.forget_least_known(excess)
 
     def use(self) -> MemoryUse:
         """How many objects there are, where they lie, and what that takes."""

@@ -13,6 +13,7 @@ from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID
 from remind_jax.outputs.run_records import Event
+from remind_jax.printing.words import plural
 from remind_jax.session.announcement import Announcements, announce, as_announced
 from remind_jax.session.memory_file import SavedMemory
 from remind_jax.session.object_records import ObjectRecords
@@ -96,7 +97,7 @@ class Identities:
             if NO_ID not in (old, new) and old != new:
                 self.records.merge_for_good(old, new)
                 message = f"object {old} turned out to be object {new}"
-                events.append(Event(decided.frame_index, "merged", message))
+                events.append(Event(decided.frame_index, "merged", message, (old, new)))
         announced = as_announced(self.announcements, decided)
         self.records.note(announced, image)
         if self._num_told() > self._most_told:
@@ -112,10 +113,18 @@ class Identities:
         told = sorted({self.announcements.id_of(one) for one in ids})
         why = "forgotten: it was gone before it was decided"
         return [
-            Event(frame_index, "forgotten", f"object {one} {why}")
+            Event(frame_index, "forgotten", f"object {one} {why}", (one,))
             for one in told
             if self.records.has(one)
         ]
+
+    def tell_excess(self, ids: Collection[int], most: int, frame_index: int) -> list[Event]:
+        """That memory let these go, as more than `most` were known."""
+        if not ids:
+            return []
+        message = f"{plural(len(ids), 'object')} forgotten, as more than {most} were known"
+        told = {self.announcements.id_of(one) for one in ids} - {NO_ID}
+        return [Event(frame_index, "forgotten", message, tuple(sorted(told)))]
 
     def answer(self, decided: Tracks) -> Tracks:
         """The answers about a frame that was decided, by what is announced, named and merged."""

@@ -360,7 +360,9 @@ class Tracker(Printable):
         coming -= {*self.method.known_ids(self.state), *(gone for gone, _ in merges)}
         lost = self.identities.tell_lost(coming, prepared.frame.index)
         omitted = note_omissions(prepared, decisions, self.config.input.ignored_classes)
-        self.events = [*omitted, *found, *lost, *self._memory.forget_excess(prepared.frame.index)]
+        most, gone = self.config.input.max_objects, self._memory.forget_excess()
+        excess = self.identities.tell_excess(gone, most, prepared.frame.index)
+        self.events = [*omitted, *found, *lost, *excess]
         done = time.perf_counter()
         self.compile_s += waited_s() - waited_before
         self.stage_ms = {

@@ -392,6 +392,7 @@ def test_what_is_seen_least_is_forgotten_beyond_a_bound(building):
         frame = dataclasses.replace(frame, index=frame.index + 1)
     assert {one.kind for one in events} == {"forgotten"}
     assert "more than 100 were known" in events[0].message
+    assert events[0].message.startswith(f"{len(events[0].objects)} objects forgotten")
     assert walk(tracker, building, (9,), start=150) == [told[9]]
     # What is in view is not forgotten, and nothing is told where nothing goes.
     few = rj.Tracker(config={**bound, "input": {"max_objects": PER_PLACE - 2}})

@@ -47,6 +47,14 @@ def test_every_frame_leaves_once_and_in_order(delay):
     assert [tracks.frame_index for tracks in run(delay, frames)] == [0, 1, 2, 3, 4]
 
 
+def test_only_what_waits_is_kept():
+    held = DelayedAnswers(3)
+    for index in range(20):
+        given = answers(index, [index], [Outcome.NEW]), evidence(state([index]))
+        held.push(None, *given)
+    assert sorted(held._latest) == [17, 18, 19]
+
+
 def test_an_open_tracklet_gets_the_answer_that_it_has_later():
     ambiguous = answers(0, [NO_ID], [Outcome.AMBIGUOUS])
     ambiguous = dataclasses.replace(ambiguous, status=np.array([Status.AMBIGUOUS]))

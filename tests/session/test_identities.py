@@ -29,7 +29,8 @@ def test_objects_that_become_one_are_an_event_and_one_record():
     told = Identities(1, 0)
     told.add(frame_of(0, 4, 7), [], None, never)
     answers, events = told.add(frame_of(1, 4), [(7, 4)], None, never)
-    assert [event.message for event in events] == ["object 7 turned out to be object 4"]
+    (event,) = events
+    assert (event.message, event.objects) == ("object 7 turned out to be object 4", (7, 4))
     assert answers.object_id.tolist() == [4]
     assert told.merges == [(7, 4)]
     assert [(one.object_id, one.num_frames) for one in told.records.objects()] == [(4, 2)]

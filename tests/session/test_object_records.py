@@ -192,6 +192,7 @@ def test_what_was_seen_too_briefly_is_told_and_its_name_is_free():
         events += tracker.events
     assert [one.kind for one in events] == ["forgotten"]
     assert events[0].message.startswith("object 2 forgotten")
+    assert events[0].objects == (2,)
     tracker.rename(0, "mug")
     with pytest.raises(SourceError, match="there is no object 2; known: 0, 1"):
         tracker.rename(2, "spoon")
