@@ -218,6 +218,7 @@ def table_of(
             one.scores(),
             one.intervals(num_resamples=num_resamples) if num_resamples else {},
             one.failure_note,
+            is_partial=bool(one.failed),
         )
         for one in evaluations
     ]
