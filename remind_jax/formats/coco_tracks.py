@@ -140,8 +140,8 @@ def _read_track(
     assert shapes is not None  # as `group_by_video` checked
     if len(shapes) != video.num_frames:
         raise SourceError(
-            f"{where} has {len(shapes)} frames, its video '{video.name}' {video.num_frames}; give a "
-            "shape for each frame, null where nothing is visible"
+            f"{where} has {len(shapes)} frames, its video '{video.name}' {video.num_frames}; give "
+            "a shape for each frame, null where nothing is visible"
         )
     kind: Any = coco.Box if track.segmentations is None else coco.Segmentation | str
     for frame, raw in enumerate(shapes):

@@ -115,7 +115,7 @@ def test_tracks_of_fewer_or_more_frames_than_their_video_are_refused(tmp_path: P
         one["segmentations"] = change(one["segmentations"])
     other = made.write_json(tmp_path / "other.json", data)
     truth = made.write_json(tmp_path / "truth.json", made.coco_video(TRUTH))
-    with pytest.raises(SourceError, match="frames, its video '.*; give a shape for each frame"):
+    with pytest.raises(SourceError, match=r"frames, its video '.*; give a shape for each frame"):
         evaluate(truth, other)
 
 
