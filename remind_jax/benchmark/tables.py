@@ -62,7 +62,7 @@ def make_tables(
         num_skipped = sum(run.record.num_skipped for run in own)
         notes = [f"{num_failed} of {len(own)} scenes failed"] if num_failed else []
         notes += [f"{plural(num_skipped, 'frame')} skipped"] if num_skipped else []
-        rows.append(Row(name, scores, intervals, "; ".join(notes)))
+        rows.append(Row(name, scores, intervals, "; ".join(notes), is_partial=num_failed > 0))
     legend = [_UNDECIDED, _STEP]
     if any(row.intervals for row in rows):
         legend.append("Below scores: 95 % bootstrap intervals over scenes.")

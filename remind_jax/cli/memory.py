@@ -158,6 +158,8 @@ def _apply(
         return memory, f"{', '.join(map(str, apart))} split off object {first}"
     from remind_jax.session.changed_memory import forget_object
 
+    for object_id in ids:  # before the first goes, so that the error names what the file holds
+        records.check_known(object_id)
     for object_id in dict.fromkeys(ids):
         memory = forget_object(memory, object_id)
     return memory, f"{plural(len(set(ids)), 'object')} forgotten"

@@ -138,9 +138,10 @@ def _read_track(
     """Frame and shape, wherever a track has one."""
     shapes = track.bboxes if track.segmentations is None else track.segmentations
     assert shapes is not None  # as `group_by_video` checked
-    if len(shapes) > video.num_frames:
+    if len(shapes) != video.num_frames:
         raise SourceError(
-            f"{where} has {len(shapes)} frames, its video '{video.name}' {video.num_frames}"
+            f"{where} has {len(shapes)} frames, its video '{video.name}' {video.num_frames}; give "
+            "a shape for each frame, null where nothing is visible"
         )
     kind: Any = coco.Box if track.segmentations is None else coco.Segmentation | str
     for frame, raw in enumerate(shapes):

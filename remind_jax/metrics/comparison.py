@@ -91,6 +91,7 @@ class Row:
     scores: Mapping[str, float]  # fractions, counts, milliseconds; NaN where undefined
     intervals: Mapping[str, Interval] = dataclasses.field(default_factory=dict)  # lower, upper end
     note: str = ""  # what a reader must know: "2 of 12 scenes failed"
+    is_partial: bool = False  # scenes failed: its scores are not of what the others' are of
 
     def score(self, column: Column) -> float:
         """The score of a column, NaN without one."""
@@ -109,10 +110,14 @@ class Row:
 
 
 def is_best(rows: Sequence[Row], row: Row, column: Column) -> bool:
-    """Whether no other row of the column is better; False where there is nothing to compare."""
-    values = [r.score(column) for r in rows if not math.isnan(r.score(column))]
-    if column.better is None or math.isnan(row.score(column)) or len(values) < 2:
+    """Whether no other row of the column is better, of those of all scenes.
+
+    False where there is nothing to compare.
+    """
+    scored = [r for r in rows if not math.isnan(r.score(column))]
+    if column.better is None or row not in scored or row.is_partial or len(scored) < 2:
         return False
+    values = [r.score(column) for r in scored if not r.is_partial]
     best = max(values) if column.better == "higher" else min(values)
     return abs(row.score(column) - best) <= _SAME
 

@@ -171,7 +171,9 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
     if prediction.is_sampled and num_lacking:
         notes.append(f"{len(looked_at)} of {truth.num_frames} frames were processed")
         truth, moved = (_keep_frames(side, looked_at) for side in (truth, moved))
-    elif truth.frame_names and prediction.frame_names and num_lacking:
+    elif num_lacking and (
+        prediction.source_frames is not None or (truth.frame_names and prediction.frame_names)
+    ):
         notes.append(
             f"{num_lacking} of {truth.num_frames} frames are not in the predictions and count as "
             "missed; where a run left them out, give its folder"

@@ -218,6 +218,7 @@ def table_of(
             one.scores(),
             one.intervals(num_resamples=num_resamples) if num_resamples else {},
             one.failure_note,
+            is_partial=bool(one.failed),
         )
         for one in evaluations
     ]
@@ -229,8 +230,10 @@ def table_of(
 def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[str, ...]:
     sentences = ["Scores in percent, equal to TrackEval's; counts are of all scenes together."]
     if any(row.intervals for row in rows):
-        unit = "scenes" if len(evaluations[0].scenes) > 1 else "objects"
-        sentences.append(f"Ranges: 95 % bootstrap intervals over {unit}.")
+        counts = {min(len(one.scenes), 2) for one in evaluations}
+        unit = "scenes" if 2 in counts else "objects"
+        alone = "; of a single scene over its objects" if {1, 2} <= counts else ""
+        sentences.append(f"Ranges: 95 % bootstrap intervals over {unit}{alone}.")
     sentences += [line for evaluation in evaluations for line in evaluation.list_failed()]
     notes = [note for evaluation in evaluations for note in evaluation.notes]
     for note in dict.fromkeys(notes):

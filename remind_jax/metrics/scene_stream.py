@@ -17,7 +17,7 @@ from remind_jax.metrics.opening import (
     open_scenes,
 )
 from remind_jax.printing.small_table import Printable
-from remind_jax.printing.words import first_of
+from remind_jax.printing.words import first_of, plural
 
 Score = TypeVar("Score")
 
@@ -162,7 +162,8 @@ def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str 
     notes = []
     if extra:
         shown = ", ".join(extra[:3]) + (", ..." if len(extra) > 3 else "")
-        notes.append(f"{len(extra)} predicted scenes are not in the truth: {shown}")
+        are = "is" if len(extra) == 1 else "are"
+        notes.append(f"{plural(len(extra), 'predicted scene')} {are} not in the truth: {shown}")
     return partner, notes
 
 

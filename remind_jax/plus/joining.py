@@ -83,14 +83,24 @@ def _find_copies(
     def key_of(class_id: int, one: Resting) -> tuple[int, bytes]:
         return class_id, one.bank.tobytes()
 
-    known = {
-        key_of(int(one.values["class_id"]), one): one.id for one in here.values() if len(one.bank)
-    }
+    # A bank may stay as it was though its object was seen: few frames of a visit are kept.
+    known: dict[tuple[int, bytes], Resting] = {}
+    for one in sorted(here.values(), key=_num_seen):
+        if len(one.bank):
+            known[key_of(int(one.values["class_id"]), one)] = one
     keys = {
         one: key_of(int(class_ids[of_one.values["class_id"]]), of_one)
         for one, of_one in there.items()
     }
-    return {one: known[key] for one, key in keys.items() if key in known}
+    return {
+        one: known[key].id
+        for one, key in keys.items()
+        if key in known and _num_seen(there[one]) <= _num_seen(known[key])
+    }
+
+
+def _num_seen(one: Resting) -> int:
+    return int(one.values["seen"])
 
 
 def _moved(one: Resting, new_id: int, later: int, class_ids: Int[np.ndarray, "classes"]) -> Resting:

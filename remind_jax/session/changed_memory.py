@@ -53,7 +53,9 @@ def join_memories(
     method = get_method(memory.tracker)
     memory_fit.check_tracker(other, memory.tracker, path)
     if memory.class_names:
-        memory_fit.check_classes(other, memory_fit.was_made_without_classes(memory), path)
+        is_agnostic = memory_fit.was_made_without_classes(memory)
+        advice = f"join memories made {'without' if is_agnostic else 'with'} them"
+        memory_fit.check_classes(other, is_agnostic, path, advice)
     memory_fit.check_backbone(other, memory.backbone, memory.fingerprint, path)
     if method.host.join is None or memory.at_rest is None or other.at_rest is None:
         raise ConfigError(

@@ -77,6 +77,12 @@ class Header(msgspec.Struct, frozen=True):
             dict(flatten(msgspec.to_builtins(one), with_empty=True)) for one in (self, now)
         )
         for name in dict.fromkeys((*given, *was)):
+            if name == "info.known_objects" and was.get(name) != given.get(name):
+                raise OutputError(
+                    f"the run in '{folder}' was begun with a memory of other objects or other "
+                    "names; give that one as it was then (--memory), or start it anew with "
+                    "--overwrite"
+                )
             if name not in _NOT_COMPARED and was.get(name) != given.get(name):
                 raise OutputError(
                     f"the run in '{folder}' was begun with {name.partition('.')[2] or name} "

@@ -111,7 +111,10 @@ class MemoryFile:
             num_bytes = self.path.stat().st_size
         else:
             leaves, header = _describe(memory, before)
-            files.append_durably(self.path, save(leaves, header))
+            try:
+                files.append_durably(self.path, save(leaves, header))
+            finally:  # a part of it may be there, as of a full disk: nobody else wrote that
+                self._found_as = _identity(self.path)
             sha256, num_bytes = header["sha256"], before.num_bytes
         self._found_as = _identity(self.path)
         self._written = _Written(records, at_rest, sha256, num_bytes)

@@ -46,8 +46,16 @@ def check_backbone(memory: SavedMemory, backbone: str, fingerprint: str, path: s
     )
 
 
-def check_classes(memory: SavedMemory, is_agnostic: bool, path: str | Path) -> None:
+def check_classes(
+    memory: SavedMemory, is_agnostic: bool, path: str | Path, advice: str = ""
+) -> None:
     """Refuses a memory of classes where none are told apart, and the other way around.
+
+    Args:
+      memory: One that is loaded or joined.
+      is_agnostic: Whether no classes are told apart.
+      path: Its file.
+      advice: What to do, where it is not for a setting to change that.
 
     Raises:
       RemindError: If its objects would not be recognized for that.
@@ -55,10 +63,8 @@ def check_classes(memory: SavedMemory, is_agnostic: bool, path: str | Path) -> N
     has_classes = any(name != ANY_CLASS for name in memory.class_names)
     if has_classes if is_agnostic else was_made_without_classes(memory):
         made, hint = ("with", "leave out") if has_classes else ("without", "set")
-        raise RemindError(
-            f"{path} was made {made} classes; {hint} input.class_agnostic, or start without the "
-            "memory"
-        )
+        advice = advice or f"{hint} input.class_agnostic, or start without the memory"
+        raise RemindError(f"{path} was made {made} classes; {advice}")
 
 
 def was_made_without_classes(memory: SavedMemory) -> bool:

@@ -162,7 +162,7 @@ CHANGES_THAT_ARE_NONE = (
     (["forget"], process.USAGE, "give forget ID"),
     (["forget", "-1"], process.USAGE, ""),
     (["forget", "9"], process.ERROR, "there is no object 9; known: 0, 1, 2"),
-    (["forget", "0", "9"], process.ERROR, "there is no object 9"),
+    (["forget", "0", "9"], process.ERROR, "there is no object 9; known: 0, 1, 2"),
     (["split", "1"], process.ERROR, "nothing was merged into object 1"),
     (["rename", "1", "a\nb"], process.ERROR, "cannot be called"),
     (["-o", "elsewhere"], process.USAGE, "--out is for a changed memory"),

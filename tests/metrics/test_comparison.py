@@ -46,6 +46,13 @@ def test_nothing_is_best_without_a_rival():
     assert tied.to_markdown().count("**1") == 2
 
 
+def test_what_failed_on_some_scenes_is_not_the_best():
+    rows = [Row("a", {"IDF1": 0.9}, is_partial=True)]
+    rows += [Row(name, {"IDF1": score}) for name, score in (("b", 0.8), ("c", 0.7))]
+    lines = ComparisonTable(rows, ["IDF1"]).to_markdown().splitlines()[2:]
+    assert lines == ["| a | 90.00 |", "| b | **80.00** |", "| c | 70.00 |"]
+
+
 def test_bad_paths_are_refused(tmp_path: Path):
     with pytest.raises(OutputError, match=r"ends in '\.xlsx'; a table can be written as \.md"):
         TABLE.save(tmp_path / "table.xlsx")

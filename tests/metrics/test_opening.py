@@ -108,6 +108,17 @@ def test_wrong_classes_of_one_data_set_are_wrong(tmp_path: Path):
     assert found == {"cup": (0, 10), "plate": (10, 0)}
 
 
+@pytest.mark.parametrize("change", [lambda shapes: shapes[1:], lambda shapes: [*shapes, None]])
+def test_tracks_of_fewer_or_more_frames_than_their_video_are_refused(tmp_path: Path, change: Any):
+    data = made.coco_video(TRUTH)
+    for one in data["annotations"]:
+        one["segmentations"] = change(one["segmentations"])
+    other = made.write_json(tmp_path / "other.json", data)
+    truth = made.write_json(tmp_path / "truth.json", made.coco_video(TRUTH))
+    with pytest.raises(SourceError, match=r"frames, its video '.*; give a shape for each frame"):
+        evaluate(truth, other)
+
+
 def test_one_scene_matches_one_scene_whatever_their_names(tmp_path: Path):
     truth = made.write_maps(tmp_path / "truth", {"one": TRUTH["one"]})
     (tmp_path / "out.txt").write_text(made.mot_text(ANSWERS["one"]))

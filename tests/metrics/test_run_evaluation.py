@@ -92,10 +92,13 @@ def test_only_processed_frames_are_evaluated(tmp_path: Path, truth: Path):
 
 
 def test_frames_that_a_file_of_tracks_lacks_are_told(tmp_path: Path, truth: Path):
-    coco = tmp_path / "coco_video.json"
-    coco.write_text(json.dumps(coco_video(make_run()[::2], [*CLASSES.values()], "rooms", 10.0)))
-    (note,) = evaluate(truth, coco).notes
-    assert note.startswith("2 of 5 frames are not in the predictions and count as missed")
+    run, classes = make_run()[::2], [*CLASSES.values()]
+    coco, cvat = tmp_path / "coco_video.json", tmp_path / "cvat.xml"
+    coco.write_text(json.dumps(coco_video(run, classes, "rooms", 10.0)))
+    cvat.write_bytes(to_cvat(run, "rooms", classes, run[0].frame_size))
+    for path in (coco, cvat):
+        (note,) = evaluate(truth, path).notes
+        assert note.startswith("2 of 5 frames are not in the predictions and count as missed")
 
 
 def test_outputs_of_one_strided_run_agree_whichever_is_the_truth(tmp_path: Path):

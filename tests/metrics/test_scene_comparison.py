@@ -22,6 +22,9 @@ def test_predictions_of_any_format_in_one_table(tmp_path: Path):
     assert switching.scores["IDSW"] == 1
     assert switching.note == "1 of 2 scenes failed"
     assert "switching: scene 'two' failed: there is no prediction of this scene" in table.legend
+    assert any(
+        line.endswith("over scenes; of a single scene over its objects.") for line in table.legend
+    )
     assert perfect.intervals["IDF1"] == (1.0, 1.0)
     assert "**100.00** (100.0 to 100.0)" in table.to_markdown()
 

@@ -247,6 +247,16 @@ def test_memories_that_are_joined_every_night_do_not_grow_by_copies(tmp_path):
     assert max(sizes[0])[0] == 6 * PER_PLACE
 
 
+def test_what_was_seen_since_comes_again_though_its_looks_are_the_same():
+    state = memory({3: 2}, {5: 4})
+    later = jax.tree.map(np.array, state)
+    later.objects.seen[1] += 3
+    (_, found), at_rest = joined(state, later)
+    assert found.ids == {5: 40}
+    assert found.matched == ((5, 40),)
+    assert at_rest.ids() == [40]
+
+
 def test_open_tracklets_that_come_back_are_known():
     both = memory({3: 2}), memory({0: 1}, next_id=9)
     (_, found), at_rest = joined(*(leaving(state, look=5) for state in both))

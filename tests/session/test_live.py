@@ -154,6 +154,9 @@ def test_a_memory_with_classes_is_refused_where_none_are_compared(first, tmp_pat
     trackers[0].save(tmp_path / "kept.safetensors")
     with pytest.raises(RemindError, match="class_agnostic"):
         trackers[1].load(tmp_path / "kept.safetensors")
+    trackers[1].update(*frames(1)[0])
+    with pytest.raises(RemindError, match="classes; join memories made with"):
+        trackers[1].join(tmp_path / "kept.safetensors")
 
 
 def test_a_class_may_have_the_name_that_stands_for_any(tmp_path):

@@ -8,6 +8,7 @@ import chex
 import numpy as np
 import pytest
 
+from remind_jax import files
 from remind_jax.errors import OutputError
 from remind_jax.plus.recall import ObjectsAtRest
 from remind_jax.session.filed_records import to_file
@@ -129,6 +130,23 @@ def test_a_kill_at_any_byte_leaves_the_memory_before(path, begun, caplog):
                 assert "was not written to its end" in caplog.text
                 caplog.clear()
     path.write_bytes(content)
+    assert_same(load_memory(path), life.memory)
+
+
+def test_a_disk_that_was_full_for_a_while_is_no_other_program(path, begun, monkeypatch):
+    def write_half(path: Path, content: bytes) -> None:
+        path.write_bytes(path.read_bytes() + content[: len(content) // 2])
+        raise OutputError("no space left")
+
+    life, file = begun
+    kept = load_memory(path)
+    life.go_on(1)
+    with monkeypatch.context() as patched:
+        patched.setattr(files, "append_durably", write_half)
+        with pytest.raises(OutputError, match="no space left"):
+            file.update(life.memory)
+    assert_same(load_memory(path), kept)
+    file.update(life.memory)
     assert_same(load_memory(path), life.memory)
 
 

@@ -138,6 +138,17 @@ def test_names_given_before_a_run_goes_on_are_told(tmp_path):
         assert [one.title for one in result.not_met()] == ["my 2"]
 
 
+def test_a_memory_that_was_changed_since_is_told_without_all_its_objects(tmp_path):
+    track(tmp_path / "before", PICTURES[:2], tracker="momentum")
+    given = {"memory": tmp_path / "before" / MEMORY_NAME, "tracker": "momentum"}
+    break_off(tmp_path / "run", 4, **given)
+    changed = load_memory(given["memory"])
+    changed.records.rename(0, "my mug")
+    save_memory(given["memory"], changed)
+    with pytest.raises(OutputError, match=r"begun with a memory of other .* names; give that one"):
+        track(tmp_path / "run", resume=True, **given)
+
+
 def test_an_interrupted_run_goes_on(tmp_path, whole):
     def stop(step: Progress) -> None:
         if step.num_done == 4:
