@@ -102,6 +102,7 @@ class GrowingMemory:
         self._num_steps = 0
         self._placed: tuple[Any, Packed | None] = (None, None)  # thresholds on the device
         self._lately = collections.deque[int](maxlen=UNUSED_FRAMES)  # detections of the last frames
+        self._most_expected = 0  # detections of a frame that room was made for
         self.at_rest: AtRest | None = self._new_rest()
         self.static = self._reserved = self._grown(static)
 
@@ -241,6 +242,7 @@ class GrowingMemory:
     def reserve(self, num_detections: int) -> None:
         """Makes room for so many detections, and keeps it."""
         self.grow(num_detections=num_detections)
+        self._most_expected = max(self._most_expected, num_detections)
         self._reserved = self._grown(self._reserved.grow(num_detections=num_detections))
 
     def grow(self, **needed: int) -> None:
@@ -302,9 +304,11 @@ class GrowingMemory:
         num_detections: int,
         occupied: tuple[Any, Any],
     ) -> None:
-        """Has twice prepared of each capacity that is nearly full."""
+        """Has twice prepared of each capacity that is nearly full, and not by what is expected."""
         num_objects, num_pending = (int(count) for count in occupied)
-        counts = {"num_detections": num_detections, "num_pending": num_pending}
+        counts = {"num_pending": num_pending}
+        if num_detections > self._most_expected:
+            counts["num_detections"] = num_detections
         if self.at_rest is None:
             counts["num_objects"] = num_objects
         pressed = [n for n, num in counts.items() if num >= PRESSED[n] * getattr(self.static, n)]

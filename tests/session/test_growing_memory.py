@@ -101,6 +101,20 @@ def test_room_that_was_asked_for_stays(monkeypatch):
     assert tracker.static.num_detections == 16
 
 
+@pytest.mark.parametrize(("expected", "is_prepared"), [(12, False), (11, True)])
+def test_what_room_was_made_for_is_no_reason_to_prepare_more(
+    expected, is_prepared, looks_ahead, monkeypatch
+):
+    static = {"num_detections": 4, "num_objects": 64}
+    tracker, prepared = Tracker({"tracker": "bank", "static": static}), []
+    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_detections=expected)
+    monkeypatch.setattr(tracker._memory.ahead, "start", lambda static, _: prepared.append(static))
+    for index in (0, 1):
+        tracker.update(*crowd(index))
+    assert tracker.static.num_detections == 16
+    assert bool(prepared) == is_prepared
+
+
 def test_after_a_warm_up_for_so_many_objects_nothing_more_is_compiled(looks_ahead, monkeypatch):
     static = {"num_detections": 4, "num_objects": 4, "num_pending": 4}
     tracker = Tracker({"tracker": "bank", "static": static})
