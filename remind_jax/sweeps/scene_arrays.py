@@ -94,14 +94,15 @@ class SceneFrames:
     def capacities(self) -> dict[str, int]:
         """Slots for what is in the scene, and for what a frame may add to it, by name.
 
-        They are rounded, so that scenes of about the same size share programs. Under most settings
-        every second object at most is taken for a new one on a return; where there is no room for
-        that, a larger program is compiled before the first result.
+        They are rounded, so that scenes of about the same size share programs. Where settings go
+        one after the other, spare slots cost little, and there is room for every second object to
+        be taken for a new one: without, most sweeps would soon compile a larger program.
         """
         most = self.most_detections
+        in_turn = get_method(self.config.tracker).sweeping.in_turn_on_cpu
         needed = {
             "num_detections": most,
-            "num_objects": self.truth.num_objects * 3 // 2 + most,
+            "num_objects": self.truth.num_objects * (3 if in_turn else 2) // 2 + most,
             "num_pending": most,
         }
         return {name: _round_up(max(1, count)) for name, count in needed.items()}

@@ -64,7 +64,7 @@ def staged(monkeypatch):
 
     def plan(frames, config, static, wanted, budget):
         note.capacities = static.num_detections, static.num_objects
-        return min(wanted, 112 // static.num_objects), 1
+        return min(wanted, 84 // static.num_objects), 1
 
     monkeypatch.setattr(worker, "describe_scene", describe)
     monkeypatch.setattr(worker, "run_batch", run)
@@ -94,7 +94,7 @@ def test_every_setting_gets_its_own_row(staged):
     ]
     assert run_all(Worker(CONFIG, 1.0), settings) == settings
     assert staged.described == 2
-    assert staged.capacities == (6, 16)  # those of the scene, with room for new ones, rounded
+    assert staged.capacities == (6, 12)  # those of the scene, rounded
     assert sorted(len(run) for run in staged.runs) == [1, 7, 7]
 
 
