@@ -264,6 +264,11 @@ def get_backbone(name: str | Backbone = DEFAULT_BACKBONE, **options: Any) -> Bac
       ConfigError: If there is no such backbone or it does not take such an option.
     """
     if isinstance(name, Backbone):
+        if options:
+            raise ConfigError(
+                f"'{next(iter(options))}' is no option here, and a finished backbone takes none; "
+                "leave it out, or give the backbone by name"
+            )
         return name
     if not isinstance(name, str):
         raise ConfigError(
@@ -320,7 +325,9 @@ def _check_call(
             if unknown != "weights"
             else "it needs none, leave them out"
         )
-        raise ConfigError(f"backbone '{name}' has no option '{unknown}'; {hint}")
+        raise ConfigError(
+            f"'{unknown}' is no option here, and backbone '{name}' has no such option; {hint}"
+        )
     try:
         inspect.signature(factory).bind(*targets, **options)
     except TypeError as error:

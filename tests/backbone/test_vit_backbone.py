@@ -95,7 +95,7 @@ def test_wrong_options():
     file = converted_file("dinov3_tiny_mlp")
     with pytest.raises(ConfigError, match="precision is 'float16'; allowed: float32, bfloat16"):
         get_backbone(f"vit:{file}", precision="float16")
-    with pytest.raises(ConfigError, match="has no option 'weight'; did you mean 'weights'"):
+    with pytest.raises(ConfigError, match="has no such option; did you mean 'weights'"):
         get_backbone("dinov3-vits16", weight="a")
     with pytest.raises(WeightsError, match="holds 'custom', not 'dinov3-vits16'"):
         get_backbone("dinov3-vits16", weights=file)
