@@ -384,10 +384,10 @@ class Tracker(Printable):
           OutputError: If the file cannot be written.
           SourceError: If there is nothing to remember yet.
         """
-        path = as_path(path, "the memory file", OutputError)
+        path = as_path(path, "the memory file", OutputError).resolve()
         with self._alone("advance"):
             memory_file.save_memory(path, self._saved(), durably=durably)
-            if self._memory_file is not None and self._memory_file.path == path.resolve():
+            if self._memory_file is not None and self._memory_file.path == path:
                 self._memory_file = None
 
     def checkpoint(self, path: str | Path) -> None:
