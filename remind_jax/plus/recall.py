@@ -104,7 +104,7 @@ class ObjectsAtRest(Archive):
         state = self._rest(state, static, idle[: max(0, excess)])
         # What is in use comes first, in the order in which it was.
         first = np.argsort(~state.objects.exists, kind="stable")
-        place_of = np.argsort(first)
+        place_of = np.argsort(first).astype(state.tracklets.slot.dtype)
         rows = np.concatenate(
             [np.arange(frame_rows), frame_rows + np.argsort(~waiting, kind="stable")]
         )

@@ -95,9 +95,10 @@ class Identities:
         for gone, kept in self.merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
             if NO_ID not in (old, new) and old != new:
-                self.records.merge_for_good(old, new)
-                message = f"object {old} turned out to be object {new}"
-                events.append(Event(decided.frame_index, "merged", message, (old, new)))
+                old, new = self.records.merge_for_good(old, new)
+                if old != new:
+                    message = f"object {old} turned out to be object {new}"
+                    events.append(Event(decided.frame_index, "merged", message, (old, new)))
         announced = as_announced(self.announcements, decided)
         self.records.note(announced, image)
         if self._num_told() > self._most_told:
@@ -108,23 +109,29 @@ class Identities:
             self._most_told = max(_FEW_TOLD, self._num_told() * 5 // 4)
         return self.records.answer(announced), events
 
-    def tell_lost(self, ids: Collection[int], frame_index: int) -> list[Event]:
+    def tell_lost(
+        self, ids: Collection[int], frame_index: int, known_ids: Callable[[], Collection[int]]
+    ) -> list[Event]:
         """Which of the ids that memory let go before they were objects in it had been answered."""
-        told = sorted({self.announcements.id_of(one) for one in ids})
         why = "forgotten: it was gone before it was decided"
         return [
             Event(frame_index, "forgotten", f"object {one} {why}", (one,))
-            for one in told
-            if self.records.has(one)
+            for one in self._no_more_answered(ids, known_ids)
         ]
 
-    def tell_excess(self, ids: Collection[int], most: int, frame_index: int) -> list[Event]:
+    def tell_excess(
+        self,
+        ids: Collection[int],
+        most: int,
+        frame_index: int,
+        known_ids: Callable[[], Collection[int]],
+    ) -> list[Event]:
         """That memory let these go, as more than `most` were known."""
         if not ids:
             return []
         message = f"{plural(len(ids), 'object')} forgotten, as more than {most} were known"
-        told = {self.announcements.id_of(one) for one in ids} - {NO_ID}
-        return [Event(frame_index, "forgotten", message, tuple(sorted(told)))]
+        told = self._no_more_answered(ids, known_ids)
+        return [Event(frame_index, "forgotten", message, told)]
 
     def answer(self, decided: Tracks) -> Tracks:
         """The answers about a frame that was decided, by what is announced, named and merged."""
@@ -138,6 +145,18 @@ class Identities:
         announced = [as_announced(self.announcements, decided) for decided in run]
         self.records.recount(announced)
         return tuple(self.records.answer(tracks) for tracks in announced)
+
+    def _no_more_answered(
+        self, ids: Collection[int], known_ids: Callable[[], Collection[int]]
+    ) -> tuple[int, ...]:
+        """The answered ids of what memory let go, but for those that it has another object of."""
+        announced = {self.announcements.id_of(one) for one in ids}
+        gone = {one for one in announced if self.records.has(one)}
+        if not gone:
+            return ()
+        merged_into = self.records.merged_into
+        known = self.records.with_merged({self.announcements.id_of(one) for one in known_ids()})
+        return tuple(sorted({merged_into.get(one, one) for one in gone} - known))
 
     def _num_told(self) -> int:
         return self.records.num_records + len(self.announcements.counts)

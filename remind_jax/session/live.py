@@ -354,14 +354,16 @@ class Tracker(Printable):
         merges = [] if self.method.host.merges is None else self.method.host.merges(self.state)
         merges = [(gone, kept) for gone, kept in merges if gone in known]
         pictured = prepared.frame.image if self.config.input.keep_pictures else None
-        tracks, found = self.identities.add(
-            decided, merges, pictured, lambda: self._saved().known_ids()
-        )
+
+        def known_ids() -> set[int]:
+            return self._saved().known_ids()
+
+        tracks, found = self.identities.add(decided, merges, pictured, known_ids)
         coming -= {*self.method.known_ids(self.state), *(gone for gone, _ in merges)}
-        lost = self.identities.tell_lost(coming, prepared.frame.index)
+        lost = self.identities.tell_lost(coming, prepared.frame.index, known_ids)
         omitted = note_omissions(prepared, decisions, self.config.input.ignored_classes)
         most, gone = self.config.input.max_objects, self._memory.forget_excess()
-        excess = self.identities.tell_excess(gone, most, prepared.frame.index)
+        excess = self.identities.tell_excess(gone, most, prepared.frame.index, known_ids)
         self.events = [*omitted, *found, *lost, *excess]
         done = time.perf_counter()
         self.compile_s += waited_s() - waited_before
@@ -382,10 +384,10 @@ class Tracker(Printable):
           OutputError: If the file cannot be written.
           SourceError: If there is nothing to remember yet.
         """
-        path = as_path(path, "the memory file", OutputError)
+        path = as_path(path, "the memory file", OutputError).resolve()
         with self._alone("advance"):
             memory_file.save_memory(path, self._saved(), durably=durably)
-            if self._memory_file is not None and self._memory_file.path == path.resolve():
+            if self._memory_file is not None and self._memory_file.path == path:
                 self._memory_file = None
 
     def checkpoint(self, path: str | Path) -> None:

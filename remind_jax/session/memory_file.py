@@ -145,12 +145,14 @@ def _describe(
     memory: SavedMemory, before: _Written | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Arrays and metadata of a part of a memory file: everything, or what changed since."""
-    leaves = {name: np.asarray(leaf) for name, leaf in named_leaves(memory.state)}
+    leaves: dict[str, np.ndarray] = dict(named_leaves(memory.state))
     if memory.at_rest is not None:
         resting = memory.at_rest.tensors(None if before is None else before.at_rest)
         leaves |= {f"{_AT_REST}{name}": leaf for name, leaf in resting.items()}
     known = None if before is None else before.records
     records, leaves[_PICTURES] = filed_records.to_file(memory.records, memory.object_ids(), known)
+    # Safetensors write the memory of an array as it lies, not its rows.
+    leaves = {name: np.asarray(leaf, order="C") for name, leaf in leaves.items()}
     header = {
         "format": FORMAT if before is None else FORMAT_OF_CHANGES,
         "schema": str(SCHEMA_VERSION),

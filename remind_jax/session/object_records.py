@@ -174,10 +174,13 @@ class ObjectRecords:
                 num_now=len(frames),
             )
 
-    def merge_for_good(self, gone: int, kept: int) -> None:
+    def merge_for_good(self, gone: int, kept: int) -> tuple[int, int]:
         """Takes an object that the tracker found to be another one; this cannot be split again.
 
         An id that people chose for one of the two is shown on.
+
+        Returns:
+          The id that is not shown any more, and the one that is; equal if they were one before.
         """
         old, new = (self.merged_into.get(one, one) for one in (gone, kept))
         chosen = self.merged_into.values()
@@ -196,6 +199,7 @@ class ObjectRecords:
             self._records.setdefault(kept, self._records[gone])
         apart = {one: to for one, to in self.merges.items() if one not in {*merged, gone}}
         self.merges = {**apart, **dict.fromkeys(merged, shown)}
+        return (new if shown == old else old), shown
 
     def answer(self, tracks: Tracks) -> Tracks:
         """The answers by names and by what was declared to be one; no id is given twice for it."""
@@ -258,9 +262,9 @@ class ObjectRecords:
                     f"object {self.merged_into.get(one, one)} is called '{name}' already; give "
                     "another name, or merge the two"
                 )
-        # Others that it was merged with keep theirs for when they are split.
+        # Others that it was merged with keep theirs for when they are split, but for this name.
         gone = {object_id} if name else set(members)
-        kept = {one: given for one, given in self.given.items() if one not in gone}
+        kept = {one: own for one, own in self.given.items() if one not in gone and own != name}
         self.given = kept | ({object_id: name} if name else {})
 
     def merge(self, kept: int, gone: Iterable[int]) -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import types
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -151,7 +152,7 @@ def test_a_memory_shrinks_to_what_is_in_use_and_others_rest():
     state, at_rest = holding({0: 20, 1: 3, 9: 29}), ObjectsAtRest()
     smaller = dataclasses.replace(STATIC, num_detections=2, num_objects=16)
     shrunk = at_rest.shrink(state, STATIC, smaller)
-    assert jax.tree.map(np.shape, shrunk) == jax.tree.map(np.shape, init(smaller))
+    chex.assert_trees_all_equal_shapes_and_dtypes(shrunk, init(smaller))
     assert [*np.flatnonzero(shrunk.tracklets.alive)] == [0, 1, 2]
     assert shrunk.tracklets.age[:3].tolist() == [0, 1, 9]
     assert shrunk.objects.id[shrunk.tracklets.slot[:3]].tolist() == [60, 9, 87]

@@ -83,8 +83,21 @@ def test_an_id_that_people_chose_is_answered_when_the_tracker_finds_the_same():
     told.add(frame_of(0, 4, 7, 9), [], None, never)
     told.records.merge(7, [4])
     for number, kept, merges in ((1, 4, [(7, 4)]), (2, 4, []), (3, 9, [(4, 9)]), (4, 9, [])):
-        answers, _ = told.add(frame_of(number, kept), merges, None, never)
+        answers, events = told.add(frame_of(number, kept), merges, None, never)
         assert answers.object_id.tolist() == [7]
+        assert [one.objects for one in events] == ([(9, 7)] if number == 3 else [])
+
+
+def test_an_object_is_told_as_forgotten_with_the_last_that_people_merged_into_it():
+    told = Identities(1, 0)
+    told.add(frame_of(0, 4, 7, 9), [], None, never)
+    told.records.merge(7, [4])
+    assert told.tell_lost([7], 1, lambda: [4, 9]) == []
+    (event,) = told.tell_excess([4, 5], 1, 1, lambda: [9])
+    assert (event.message[:9], event.objects) == ("2 objects", (7,))
+    (event,) = told.tell_lost([4], 1, lambda: [9])
+    assert event.objects == (7,)
+    assert told.tell_lost([5], 1, never) == []
 
 
 def test_what_was_never_announced_becomes_another_in_silence():

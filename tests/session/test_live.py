@@ -99,6 +99,15 @@ def test_nothing_of_the_stream_before_is_left_after_load_and_reset(tmp_path):
     assert load_memory(path).backbone == tracker.features.described_by
 
 
+def test_a_memory_is_saved_where_a_link_leads(tmp_path):
+    tracker, link = Tracker(), tmp_path / "link"
+    tracker.update(*scenes.picture(0))
+    link.symlink_to(tmp_path / "memory")
+    tracker.save(link)
+    assert link.is_symlink()
+    Tracker().load(tmp_path / "memory")
+
+
 def test_a_camera_may_give_one_buffer_again_and_again():
     own, shared = Tracker({"tracker": "plus"}), Tracker({"tracker": "plus"})
     buffer = np.empty_like(frames(1)[0][0])

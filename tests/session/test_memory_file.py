@@ -81,6 +81,18 @@ def test_round_trip_is_exact(path, memory):
     assert loaded.announced is None
 
 
+def test_what_lies_in_parts_in_memory_is_saved_as_it_is(tmp_path, memory):
+    """As after a crowd, when the memory moves into smaller capacities: views of larger arrays."""
+
+    def as_view(leaf: Any) -> np.ndarray:
+        leaf = np.asarray(leaf)
+        return np.repeat(leaf, 2, axis=-1)[..., ::2] if leaf.ndim else leaf
+
+    state = jax.tree.map(as_view, memory.state)
+    save_memory(tmp_path / "memory", dataclasses.replace(memory, state=state))
+    chex.assert_trees_all_equal(load_memory(tmp_path / "memory").state, memory.state, strict=True)
+
+
 def test_round_trip_in_double_precision(tmp_path, x64):
     static = change_static(STATIC, precision="float64")
     empty = init(static)

@@ -377,3 +377,13 @@ def test_a_name_given_after_a_merge_leaves_the_others_theirs():
     records.rename(0, "mug")
     assert records.split(0) == (1,)
     assert [one.name for one in records.objects()] == ["mug", "right"]
+
+
+def test_of_merged_objects_that_are_given_one_name_the_last_keeps_it(tracker, tmp_path):
+    tracker.rename(1, "mug")
+    tracker.merge(0, 1)
+    tracker.rename(0, "mug")
+    tracker.save(tmp_path / "memory")
+    tracker.load(tmp_path / "memory")
+    assert tracker.split(0) == (1,)
+    assert [one.name for one in tracker.objects()][:2] == ["mug", ""]
