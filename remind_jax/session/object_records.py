@@ -29,7 +29,7 @@ class Sight:
     """When an object was seen."""
 
     session: int  # from 1
-    frame: int  # number of the frame in that session
+    frame: int  # as that session counted them; after `load` a tracker counts on
 
     def __str__(self) -> str:
         return f"session {self.session}, frame {self.frame}"
