@@ -163,6 +163,22 @@ def test_rows_depend_on_every_function_of_an_own_method(tmp_path):
     assert code_of(typed) != code_of(typed), "nobody can tell what it was"
 
 
+def test_rows_depend_on_what_is_bound_to_a_function_of_an_own_method():
+    package = get_method("iou")
+
+    def within(reach):
+        return dataclasses.replace(package, decide=lambda *given: (reach, given))
+
+    codes = [code_of(within(reach)) for reach in (1, 1, 2, np.zeros(3), np.ones(3))]
+    assert codes[0] == codes[1]
+    assert len(set(codes)) == 4
+    codes = [code_of(within(within(reach))) for reach in (1, 1, 2)]
+    assert codes[0] == codes[1] != codes[2]
+    kept = [functools.partial(within(1).decide, reach=reach) for reach in (1, 1, 2)]
+    codes = [code_of(dataclasses.replace(package, decide=one)) for one in kept]
+    assert codes[0] == codes[1] != codes[2]
+
+
 def test_scenes_of_one_name_are_numbered_apart():
     assert _distinct(["k", "k", "k (1)", "m"]) == ["k (1)", "k (2)", "k (1) (1)", "m"]
     assert _distinct(["k (1)", "k", "k"]) == ["k (1)", "k (2)", "k (3)"]
