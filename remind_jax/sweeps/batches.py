@@ -224,7 +224,10 @@ def score_batch(
         leaf, ((0, more_frames), (0, lacking)), constant_values=NONE
     )
     more = ((0, more_frames), (0, batch - num_settings), (0, 0))
-    answers = dataclasses.replace(answers, evidence={})
+    ids = answers.object_id
+    # Ids may begin anywhere and leave gaps, for which labels would have no room.
+    label = np.where(ids < 0, NO_ID, np.searchsorted(np.unique(ids[ids >= 0]), ids))
+    answers = dataclasses.replace(answers, object_id=label.astype(ids.dtype), evidence={})
     absent = jax.tree.unflatten(jax.tree.structure(answers), (Outcome.EMPTY, NO_ID, 0, 0, 0))
     filled = jax.tree.map(
         lambda leaf, value: np.pad(leaf, more[: leaf.ndim], constant_values=value), answers, absent

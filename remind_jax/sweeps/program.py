@@ -74,7 +74,8 @@ def follow(
     """
 
     def advance(state: Any, t: Any, frame: Any) -> tuple[Any, Answers]:
-        state = settle_types(method.decide(state, frame, static=static, thresholds=t)[0])
+        decided = method.decide(state, frame, static=static, thresholds=t)
+        state, _ = method.as_before(decided, state)
         said, lacks = state.decisions, state.overflow
         answers = Answers(
             outcome=said.outcome,

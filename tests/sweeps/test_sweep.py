@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 
+from remind_jax import method as methods
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.config import load_config
 from remind_jax.errors import ConfigError, OutputError, SourceError, SweepError
@@ -161,6 +162,46 @@ def test_rows_depend_on_every_function_of_an_own_method(tmp_path):
     exec("def f(): return 1", typed := {})
     typed = dataclasses.replace(package, decide=typed["f"])
     assert code_of(typed) != code_of(typed), "nobody can tell what it was"
+
+
+def test_rows_depend_on_what_is_bound_to_a_function_of_an_own_method():
+    package = get_method("iou")
+
+    def within(reach):
+        return dataclasses.replace(package, decide=lambda *given: (reach, given))
+
+    codes = [code_of(within(reach)) for reach in (1, 1, 2, np.zeros(3), np.ones(3))]
+    assert codes[0] == codes[1]
+    assert len(set(codes)) == 4
+    codes = [code_of(within(within(reach))) for reach in (1, 1, 2)]
+    assert codes[0] == codes[1] != codes[2]
+    kept = [functools.partial(within(1).decide, reach=reach) for reach in (1, 1, 2)]
+    codes = [code_of(dataclasses.replace(package, decide=one)) for one in kept]
+    assert codes[0] == codes[1] != codes[2]
+
+
+def test_what_decide_returns_is_checked_as_by_a_run(monkeypatch):
+    package = get_method("iou")
+    wrong = dataclasses.replace(package, decide=lambda state, *given, **options: state)
+    monkeypatch.setattr(methods, "_methods", {**methods._methods, "iou": wrong})
+    with pytest.raises(ConfigError, match="'decide' of tracker 'iou' returns SceneMemory; return"):
+        sweep(SCENES[:1], BOXES[:1], tracker="iou")
+
+
+def test_ids_may_begin_anywhere(monkeypatch):
+    given, labels = {"static": {"first_object_id": 500}, "tracker": "iou"}, []
+    score = batches.compiled_score
+    monkeypatch.setattr(
+        batches,
+        "compiled_score",
+        lambda *args, **sizes: labels.append(sizes["num_labels"]) or score(*args, **sizes),
+    )
+    rows = [
+        sweep(SCENES[:1], BOXES[:1], config=config).table()
+        for config in ({"tracker": "iou"}, given)
+    ]
+    np.testing.assert_array_equal(*rows)
+    assert len(set(labels)) == 1, "labels are counted, whatever the ids"
 
 
 def test_scenes_of_one_name_are_numbered_apart():
