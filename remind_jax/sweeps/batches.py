@@ -242,4 +242,8 @@ def score_batch(
         if not scores["overflow"].any():
             break
         num_labels *= GROWTH_STEP
-    return [{name: scores[name][index].item() for name in SCORES} for index in range(num_settings)]
+    # The last bits depend on the size of the batch, and settings are ranked by these scores.
+    return [
+        {name: round(scores[name][index].item(), 6) for name in SCORES}
+        for index in range(num_settings)
+    ]
