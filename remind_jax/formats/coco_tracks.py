@@ -54,9 +54,11 @@ def index_videos(content: coco.DataSet, file: str) -> CocoIndex:
     """Reads videos and categories of a truth file.
 
     Raises:
-      SourceError: If its labels are federated: not every class is labeled in every video.
+      SourceError: If its labels are federated: not every class is labeled in every video; or if two
+        videos have one id or name.
     """
     videos: dict[Any, Video] = {}
+    known: set[str] = set()
     for video in content.videos:
         if video.neg_category_ids is not None:
             raise SourceError(
@@ -67,8 +69,15 @@ def index_videos(content: coco.DataSet, file: str) -> CocoIndex:
         length = len(names) if video.length is None else video.length
         numbers = video.frame_numbers
         common = names[0].rpartition("/")[0] if names else ""
+        name = str(video.name or common or video.id)
+        if video.id in videos or name in known:
+            raise SourceError(
+                f"'{file}', `videos`: two have the id {video.id!r} or the name '{name}'; give each"
+                " an id and a `name` of its own"
+            )
+        known.add(name)
         videos[video.id] = Video(
-            name=str(video.name or common or video.id),
+            name=name,
             num_frames=length,
             frame_names=names if names and len(names) == length else None,
             size=(video.height, video.width) if video.height and video.width else None,

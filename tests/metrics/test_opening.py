@@ -105,6 +105,15 @@ def test_result_lists_lean_on_the_truth(tmp_path: Path):
         evaluate(truth, made.write_json(tmp_path / "others.json", others))
 
 
+@pytest.mark.parametrize("key", ["id", "name"])
+def test_videos_that_cannot_be_told_apart_are_refused(tmp_path: Path, key: str):
+    data = made.coco_video(TRUTH)
+    first, second = data["videos"]
+    second[key] = first[key]
+    with pytest.raises(SourceError, match="two have the id"):
+        open_scenes(made.write_json(tmp_path / "truth.json", data))
+
+
 def test_wrong_classes_of_one_data_set_are_wrong(tmp_path: Path):
     data = made.coco_video(TRUTH)
     names = ("cup", "plate", "none of these")
