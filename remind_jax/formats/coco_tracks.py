@@ -15,7 +15,7 @@ import numpy as np
 from remind_jax.errors import SourceError
 from remind_jax.files.records import decode_rows
 from remind_jax.formats import coco
-from remind_jax.formats.firm import firm_rows
+from remind_jax.formats.firm import firm_ids, firm_rows, main_labels
 from remind_jax.formats.rows import UNKNOWN_CLASS, Row, TrackRows, collect_rows
 from remind_jax.frame import Rle
 from remind_jax.tracks import Tracks
@@ -174,8 +174,9 @@ def coco_video(
 ) -> dict[str, Any]:
     """A run in the layout of YouTube-VIS annotations: per identity one mask or null per frame.
 
-    `score` of an annotation is its mean confidence.
+    The category of an annotation is that of most of its rows, `score` its mean confidence.
     """
+    label_of = main_labels(tracks, [*map(firm_ids, tracks)])
     numbers = {label: number for number, label in enumerate(class_names, start=1)}
     height, width = tracks[0].frame_size if tracks else (0, 0)
     annotations: dict[int, dict[str, Any]] = {}
@@ -188,7 +189,7 @@ def coco_video(
                     "id": object_id + 1,
                     "video_id": 1,
                     "iscrowd": 0,
-                    "category_id": numbers[frame.labels[row]],
+                    "category_id": numbers[label_of[object_id]],
                     "height": height,
                     "width": width,
                     **{part: [None] * len(tracks) for part in ("segmentations", "bboxes", "areas")},
