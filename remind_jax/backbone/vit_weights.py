@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import os
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -131,6 +132,8 @@ def load_weights(path: str | Path, expected: str | None = None) -> Weights:
     path = Path(path)
     if wrong := say_no_file(path):
         raise WeightsError(f"weight file '{path}' {wrong}; give a file that 'remind convert' wrote")
+    if zipfile.is_zipfile(path):  # as PyTorch saves
+        raise _not_ours(path)
     said = read_safetensors_header(path, refused=WeightsError)
     header = said.metadata
     variant = _variant_in(header, path, expected)
@@ -141,13 +144,17 @@ def load_weights(path: str | Path, expected: str | None = None) -> Weights:
     return Weights(variant, params, header["data_sha256"])
 
 
+def _not_ours(path: Path) -> WeightsError:
+    return WeightsError(
+        f"'{path}' was not written by remind-jax; bring it to its layout first: "
+        f"remind convert '{path}' -o weights.safetensors"
+    )
+
+
 def _variant_in(header: Mapping[str, str], path: Path, expected: str | None) -> Variant:
     """The architecture that a header describes."""
     if header.get("format") != FORMAT:
-        raise WeightsError(
-            f"'{path}' was not written by remind-jax; bring it to its layout first: "
-            f"remind convert '{path}' -o weights.safetensors"
-        )
+        raise _not_ours(path)
     if header.get("schema") != SCHEMA_VERSION:
         raise WeightsError(
             f"'{path}' has schema {header.get('schema')}, this version reads {SCHEMA_VERSION}; "

@@ -228,7 +228,11 @@ def _explain_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
 
 def _weigh(candidate: PlusCandidate) -> str:
     """The notable kinds of evidence, strongest first."""
-    parts = [(k, v) for k, v in candidate.parts.items() if k != "moved" and abs(v) >= _NOTABLE]
+    parts = [
+        (kind.replace("_", " "), value)
+        for kind, value in candidate.parts.items()
+        if kind != "moved" and abs(value) >= _NOTABLE
+    ]
     parts.sort(key=lambda part: -abs(part[1]))
     pro = listing([f"{kind} {change(value)}" for kind, value in parts if value > 0])
     con = listing([f"{kind} {change(value)}" for kind, value in parts if value < 0])

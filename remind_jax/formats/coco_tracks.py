@@ -15,7 +15,7 @@ import numpy as np
 from remind_jax.errors import SourceError
 from remind_jax.files.records import decode_rows
 from remind_jax.formats import coco
-from remind_jax.formats.firm import firm_rows
+from remind_jax.formats.firm import firm_ids, firm_rows, main_labels
 from remind_jax.formats.rows import UNKNOWN_CLASS, Row, TrackRows, collect_rows
 from remind_jax.frame import Rle
 from remind_jax.tracks import Tracks
@@ -54,9 +54,11 @@ def index_videos(content: coco.DataSet, file: str) -> CocoIndex:
     """Reads videos and categories of a truth file.
 
     Raises:
-      SourceError: If its labels are federated: not every class is labeled in every video.
+      SourceError: If its labels are federated: not every class is labeled in every video; or if two
+        videos have one id or name.
     """
     videos: dict[Any, Video] = {}
+    known: set[str] = set()
     for video in content.videos:
         if video.neg_category_ids is not None:
             raise SourceError(
@@ -67,8 +69,15 @@ def index_videos(content: coco.DataSet, file: str) -> CocoIndex:
         length = len(names) if video.length is None else video.length
         numbers = video.frame_numbers
         common = names[0].rpartition("/")[0] if names else ""
+        name = str(video.name or common or video.id)
+        if video.id in videos or name in known:
+            raise SourceError(
+                f"'{file}', `videos`: two have the id {video.id!r} or the name '{name}'; give each"
+                " an id and a `name` of its own"
+            )
+        known.add(name)
         videos[video.id] = Video(
-            name=str(video.name or common or video.id),
+            name=name,
             num_frames=length,
             frame_names=names if names and len(names) == length else None,
             size=(video.height, video.width) if video.height and video.width else None,
@@ -165,8 +174,9 @@ def coco_video(
 ) -> dict[str, Any]:
     """A run in the layout of YouTube-VIS annotations: per identity one mask or null per frame.
 
-    `score` of an annotation is its mean confidence.
+    The category of an annotation is that of most of its rows, `score` its mean confidence.
     """
+    label_of = main_labels(tracks, [*map(firm_ids, tracks)])
     numbers = {label: number for number, label in enumerate(class_names, start=1)}
     height, width = tracks[0].frame_size if tracks else (0, 0)
     annotations: dict[int, dict[str, Any]] = {}
@@ -179,7 +189,7 @@ def coco_video(
                     "id": object_id + 1,
                     "video_id": 1,
                     "iscrowd": 0,
-                    "category_id": numbers[frame.labels[row]],
+                    "category_id": numbers[label_of[object_id]],
                     "height": height,
                     "width": width,
                     **{part: [None] * len(tracks) for part in ("segmentations", "bboxes", "areas")},

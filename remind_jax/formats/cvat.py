@@ -26,7 +26,7 @@ from remind_jax.errors import SourceError
 from remind_jax.files import limits
 from remind_jax.files.records import Count, Side
 from remind_jax.formats.coco import Name
-from remind_jax.formats.firm import firm_rows
+from remind_jax.formats.firm import firm_ids, firm_rows, main_labels
 from remind_jax.formats.rows import Row, TrackRows, collect_rows
 from remind_jax.frame import Rle, check_size, fill_boxes
 from remind_jax.masks.run_length import decode_mask, encode_masks, encode_polygon, mask_box
@@ -252,7 +252,8 @@ def to_cvat(
 ) -> bytes:
     """CVAT for video 1.1: one track per firm identity, its mask in every processed frame.
 
-    In between, a mask holds. Where an identity is out of view, its last mask is marked `outside`.
+    Its label is that of most of its sights. In between, a mask holds. Where an identity is out of
+    view, its last mask is marked `outside`.
     """
     root = ElementTree.Element("annotations")
     _add(root, "version", "1.1")
@@ -274,9 +275,9 @@ def to_cvat(
     height, width = run[0].frame_size if run else frame_size
     _add(size, "width", width)
     _add(size, "height", height)
+    label_of = main_labels(run, [*map(firm_ids, run)])
     for object_id, sights in _sights(run).items():
-        first, row = sights[0]
-        named = {"id": str(object_id), "label": printable(run[first].labels[row])}
+        named = {"id": str(object_id), "label": printable(label_of[object_id])}
         track = ElementTree.SubElement(root, "track", named, source="automatic")
         for (index, row), (following, _) in pairwise([*sights, (len(run), 0)]):
             shape = _mask_shape(run[index], row, numbers[index])

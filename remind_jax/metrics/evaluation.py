@@ -199,15 +199,16 @@ def evaluate_sequence(
 def evaluate_classes(
     sequence: TrackingSequence, firm: TrackingSequence | None = None, min_absence_frames: int = 1
 ) -> dict[str, Evaluation]:
-    """Scores every class apart: its objects against the predictions of that class."""
+    """Scores every class apart that occurs: its objects against the predictions of that class."""
     firm = sequence if firm is None else firm
+    occurring = np.union1d(sequence.gt.class_index, sequence.pred.class_index)
     return {
         label: evaluate_sequence(
             sequence.select_class(label),
             firm=firm.select_class(label),
             min_absence_frames=min_absence_frames,
         )
-        for label in sequence.class_names
+        for label in (sequence.class_names[index] for index in occurring)
     }
 
 

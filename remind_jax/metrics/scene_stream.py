@@ -130,13 +130,19 @@ def open_stream(
     like: Any = truth.format if truth.format in TEXT_FORMATS else None
     predictions = open_scenes(prediction, format, truth=truth, like=like)
     mixed = {truth.format, predictions.format} == {"mots", "kitti-mots"}
-    if mixed and None in (format, truth_format):
+    late, said = (truth, truth_format) if truth.format == "mots" else (predictions, format)
+    guess = []
+    if mixed and said is None:
         # One side has a frame 0, so both count from 0: the other begins without any object.
-        truth = open_scenes(truth.path, truth_format or "kitti-mots")
-        predictions = open_scenes(prediction, format or "kitti-mots", truth=truth)
+        truth = open_scenes(truth.path, "kitti-mots")
+        predictions = open_scenes(prediction, "kitti-mots", truth=truth)
+        guess.append(
+            f"'{late.path}' has no frame 0 and the other side has one, so both are taken to count "
+            "from 0; if it counts from 1, as mots.txt of a run does, give the formats of both"
+        )
     partner, notes = match_scenes(truth, predictions)
     name = name or path_name(Path(prediction))
-    return SceneStream(truth, predictions, partner, tuple(notes), name)
+    return SceneStream(truth, predictions, partner, (*guess, *notes), name)
 
 
 def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str | None], list[str]]:

@@ -151,10 +151,12 @@ def curves_to_markdown(curves: Sequence[Curve]) -> str:
     """One line per threshold: its range, how far the score moves, and where it is best."""
     rows = []
     for curve in curves:
-        good = sign_of(curve.metric) * np.array(curve.scores)
-        best = int(np.argmax(np.nan_to_num(good, nan=-math.inf)))
+        tried = [("as it stands", curve.given_score)]  # first: what is as good is no better
+        tried += [(f"{v:g}", score) for v, score in zip(curve.values, curve.scores, strict=True)]
+        good = sign_of(curve.metric) * np.array([score for _, score in tried])
+        value, score = tried[int(np.argmax(np.nan_to_num(good, nan=-math.inf)))]
         ends = f"{curve.values[0]:g} to {curve.values[-1]:g}"
-        scores = (f"{curve.scores[best]:.3f}", f"{curve.given_score:.3f}")
-        rows.append((curve.name, ends, f"{curve.span:.3f}", f"{curve.values[best]:g}", *scores))
+        scores = (f"{score:.3f}", f"{curve.given_score:.3f}")
+        rows.append((curve.name, ends, f"{curve.span:.3f}", value, *scores))
     heads = ("threshold", "range", "span", "best value", "best", "as it stands")
     return markdown_table(heads, rows)

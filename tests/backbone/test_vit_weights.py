@@ -4,6 +4,7 @@ import json
 import re
 import struct
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -13,6 +14,7 @@ from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.backbone.vit_weights import WEIGHTS_VARIABLE, find_weights, load_weights
 from remind_jax.errors import WeightsError
 from tests.backbone.networks import converted_file
+from tests.weights_convert.pth_files import write_pth
 
 
 def read(path) -> tuple[dict, bytes]:
@@ -60,6 +62,13 @@ def test_bytes_that_changed_or_are_missing(spoilt):
 
     assert "are not those that were written: the sha256" in spoilt(data=flip)
     assert "is damaged or of another form" in spoilt(data=lambda data: data[:-4])
+
+
+def test_a_checkpoint_that_was_not_converted_says_what_to_do(tmp_path):
+    path = tmp_path / "dinov2_vits14_pretrain.pth"
+    write_pth(path, {"cls_token": np.zeros((1, 1, 8), np.float32)})
+    with pytest.raises(WeightsError, match=f"remind convert '{path}'"):
+        load_weights(path)
 
 
 def describe(**values):

@@ -64,6 +64,13 @@ def test_that_an_answer_waits_because_none_leads_is_told(explained):
         assert any("No answer leads clearly" in text for text in told) == (age == 8)
 
 
+def test_evidence_is_called_as_in_the_table(explained):
+    one = next(one for one in explained if one.candidates)
+    other = dataclasses.replace(one.candidates[0], parts={"class_name": -3.5, "moved": 0.0})
+    told = give_reasons(dataclasses.replace(one, candidates=(other,)), PlusThresholds())
+    assert any("class name -3.50 against it" in text for text in told)
+
+
 def test_what_passed_to_another_thing_is_told(explained):
     decided = next(one for one in explained if one.stage == Stage.SETTLED)
     assert not any("passed to another thing" in text for text in decided.why)

@@ -70,7 +70,16 @@ def test_kitti_mots_that_begins_without_objects_counts_from_zero(tmp_path: Path)
     late = [row for row in rows if not row.startswith("0 ")]
     later = made.write_texts(tmp_path / "b", {"s": "\n".join(late)})
     for truth, prediction in ((whole, later), (later, whole)):
-        assert evaluate(truth, prediction).scores()["IDTP"] == len(late)
+        evaluation = evaluate(truth, prediction)
+        assert evaluation.scores()["IDTP"] == len(late)
+        assert any(f"'{later}' has no frame 0" in note for note in evaluation.notes)
+
+
+def test_mots_of_a_run_beside_kitti_truth_is_read_as_told(tmp_path: Path):
+    truth = made.write_texts(tmp_path / "a", {"s": made.mots_text(TRUTH["one"], 0)})
+    run = made.write_texts(tmp_path / "b", {"s": made.mots_text(TRUTH["one"], 1)})
+    told = evaluate(truth, run, truth_format="kitti-mots", format="mots")
+    assert (told.scores()["IDF1"], told.notes) == (1.0, ())
 
 
 def test_truth_beside_detections_that_are_input_is_no_run(tmp_path: Path):
@@ -96,9 +105,19 @@ def test_result_lists_lean_on_the_truth(tmp_path: Path):
         evaluate(truth, made.write_json(tmp_path / "others.json", others))
 
 
+@pytest.mark.parametrize("key", ["id", "name"])
+def test_videos_that_cannot_be_told_apart_are_refused(tmp_path: Path, key: str):
+    data = made.coco_video(TRUTH)
+    first, second = data["videos"]
+    second[key] = first[key]
+    with pytest.raises(SourceError, match="two have the id"):
+        open_scenes(made.write_json(tmp_path / "truth.json", data))
+
+
 def test_wrong_classes_of_one_data_set_are_wrong(tmp_path: Path):
     data = made.coco_video(TRUTH)
-    data["categories"] = [{"id": 1, "name": "cup"}, {"id": 2, "name": "plate"}]
+    names = ("cup", "plate", "none of these")
+    data["categories"] = [{"id": id, "name": name} for id, name in enumerate(names, 1)]
     data["annotations"] = [row | {"category_id": 2} for row in data["annotations"]]
     truth = made.write_json(tmp_path / "truth.json", data)
     rows = [row | {"category_id": 1} for row in made.coco_results(ANSWERS)]

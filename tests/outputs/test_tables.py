@@ -7,6 +7,7 @@ from hotcoco import mask as coco_mask
 
 from remind_jax.decision import Outcome
 from remind_jax.formats.coco_tracks import coco_video
+from remind_jax.formats.cvat import to_cvat
 from remind_jax.formats.firm import firm_rows
 from remind_jax.formats.mot import mot_lines, mots_lines
 from remind_jax.outputs import tables
@@ -83,13 +84,16 @@ def test_mots_masks_do_not_overlap():
     np.testing.assert_array_equal(read[1:], masks[1:])
 
 
-def test_an_identity_has_one_class_in_mots():
+def test_an_identity_has_one_class():
     masks = squares((2, 2))
     frames = [
         make_tracks(number, masks, [{"object_id": 0, "label": label}])
-        for number, label in enumerate(("car", "truck", "car"))
+        for number, label in enumerate(("truck", "car", "car"))
     ]
     assert {line.split()[2] for line in mots_lines(frames)} == {"1"}
+    (annotation,) = coco_video(frames, ["car", "truck"], "tour", 10.0)["annotations"]
+    assert annotation["category_id"] == 1
+    assert b'<track id="0" label="car"' in to_cvat(frames, "tour", ["car", "truck"], (4, 4))
 
 
 def test_mots_leaves_out_a_mask_hidden_by_others():

@@ -8,6 +8,7 @@ from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.sweeps.search import GIVEN
 from remind_jax.sweeps.sensitivity import (
     SPACES,
+    Curve,
     curves_to_markdown,
     move_one_at_a_time,
     spread,
@@ -40,6 +41,14 @@ def test_curves_move_one_threshold_and_the_steepest_comes_first():
     np.testing.assert_allclose(curves[0].scores, expected)
     assert curves[0].given_score == pytest.approx(np.mean([hill(GIVEN, s)["IDF1"] for s in (0, 1)]))
     assert "| matching.match | 0.3 to 0.9 |" in curves_to_markdown(curves)
+
+
+def test_what_is_only_as_good_is_not_called_best():
+    flat = Curve("layout.weight", (0.0, 1.6), (0.9, 0.9), given_score=0.9)
+    slope = Curve("decision.new", (0.0, 3.0), (0.8, 0.95), given_score=0.9)
+    text = curves_to_markdown([slope, flat])
+    assert "| decision.new | 0 to 3 | 0.150 | 3 | 0.950 | 0.900 |" in text
+    assert "| layout.weight | 0 to 1.6 | 0.000 | as it stands | 0.900 | 0.900 |" in text
 
 
 def test_spread_keeps_kinds():
