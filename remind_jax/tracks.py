@@ -75,9 +75,10 @@ class Tracks(Printable):
         What was left out has neither, nor have new objects of trackers that rate only what they
         recognize, announced or not: their score is 0.
         """
-        outcome = self.outcome[row]
+        # Numbers of NumPy take long to be compared with an enumeration.
+        outcome, reason = int(self.outcome[row]), int(self.reason[row])
         left_out = outcome in (Outcome.EMPTY, Outcome.UNASSIGNED, Outcome.DROPPED)
-        may_be_new = outcome == Outcome.NEW or self.reason[row] == Reason.SEEN_TOO_FEW_TIMES
+        may_be_new = outcome == Outcome.NEW or reason == Reason.SEEN_TOO_FEW_TIMES
         return not left_out and (not may_be_new or float(self.score[row]) != 0)
 
     def shown_score(self, row: int) -> float | None:

@@ -1,4 +1,5 @@
 import dataclasses
+import time
 
 import numpy as np
 import pytest
@@ -82,3 +83,12 @@ def test_supervision_gets_a_frame_that_can_be_tracked_again():
     ):
         with pytest.raises(OutputError, match=said):
             tracks.to_supervision(names)
+
+
+def test_what_is_shown_of_a_crowd_takes_no_time():
+    """Comparing numbers of NumPy with an enumeration took 60 us a detection."""
+    tracks = rated(object_id=0, score=0.55, confidence=0.5)
+    begun = time.process_time()
+    for _ in range(20_000):
+        tracks.shown_confidence(0)
+    assert time.process_time() - begun < 0.4

@@ -127,7 +127,8 @@ def write_instance_maps(run: Sequence[Tracks], name: str, folder: Path) -> None:
     most = max(classes, default=0)
     if most > np.iinfo(np.uint16).max:
         raise OutputError(
-            f"identity {most - 1} does not fit into instance maps of 16 bits; write cvat instead"
+            f"identity {most - 1} does not fit into instance maps of 16 bits; write CVAT instead "
+            "(--out truth.xml)"
         )
     pictures = [f"{picture}.png" for picture in picture_names(run)]
     others = {path.name for path in maps.iterdir()} - set(pictures) if maps.is_dir() else set()

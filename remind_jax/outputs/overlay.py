@@ -237,7 +237,9 @@ class OverlayVideo(contextlib.AbstractContextManager):
 
     def close(self) -> None:
         """Writes what the encoder still holds and closes the file; it plays afterwards."""
-        with writing(self._path, FFmpegError):
+        with writing(self._path, FFmpegError), contextlib.ExitStack() as ending:
+            # Where the disk is full, that makes room for what says how far the run came.
+            ending.callback(self._partial.unlink, missing_ok=True)
             try:
                 if self._stream is not None:
                     for packet in self._stream.encode(None):
@@ -245,7 +247,6 @@ class OverlayVideo(contextlib.AbstractContextManager):
             finally:
                 self._container.close()
             if self._stream is None:
-                self._partial.unlink(missing_ok=True)
                 self._path.unlink(missing_ok=True)
             elif self._partial.exists():
                 self._partial.replace(self._path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import collections
 import dataclasses
 import itertools
@@ -46,7 +47,7 @@ class ObjectHistory:
     def returns(self) -> tuple[int, ...]:
         """The frame after each absence."""
         starts = [first for first, _ in self.seen]
-        return tuple(min(s for s in starts if s > last) for _, last in self.absences)
+        return tuple(starts[bisect.bisect(starts, last)] for _, last in self.absences)
 
 
 def find_histories(run: Sequence[Tracks], min_absence_frames: int) -> tuple[ObjectHistory, ...]:

@@ -194,15 +194,15 @@ def as_announced(announced: Announcements, tracks: Tracks) -> Tracks:
     candidate_id, candidate_score = rename_candidates(tracks, announced.id_of)
     candidate_id[waits], candidate_score[waits] = NO_ID, 0.0
     outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
-    for row in range(len(tracks)):
-        if outcome[row] in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):
+    for row, decided in enumerate(outcome.tolist()):  # as integers, which compare faster
+        if decided in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):
             options = tracks.candidate_id[row][tracks.candidate_id[row] != NO_ID]
             num_named = np.sum(candidate_id[row] != NO_ID)
             if len(options) and announced.id_of(int(options[0])) == NO_ID:
                 outcome[row] = Outcome.PROVISIONAL_NEW
             elif num_named == 1 < len(options):
                 outcome[row] = Outcome.PROVISIONAL_PARENT
-        elif outcome[row] == Outcome.NEW and _was_known(announced, int(tracks.object_id[row])):
+        elif decided == Outcome.NEW and _was_known(announced, int(tracks.object_id[row])):
             outcome[row], reason[row] = Outcome.MATCH, Reason.ASSIGNED
     outcome[waits], reason[waits] = Outcome.PROVISIONAL_NEW, Reason.SEEN_TOO_FEW_TIMES
     return dataclasses.replace(

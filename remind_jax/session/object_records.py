@@ -305,11 +305,11 @@ class ObjectRecords:
             for one, name in other.given.items()
             if number_of.get(one) in added and name not in taken
         }
-        merged = {
-            number_of[gone]: number_of[kept]
-            for gone, kept in other.merged_into.items()
-            if number_of.get(gone) in added and number_of.get(kept) in added
-        }
+        merged, last = {}, other.merged_into
+        for gone, kept in other.merges.items():
+            into = kept if number_of.get(kept) in added else last[gone]
+            if number_of.get(gone) in added and number_of.get(into) in added:
+                merged[number_of[gone]] = number_of[into]
         self._records |= added
         self.given, self.merges = {**self.given, **names}, {**self.merges, **merged}
         self.session += len(sessions)

@@ -188,8 +188,17 @@ def read_picture(frame: av.VideoFrame, to_rgb: av.video.reformatter.VideoReforma
     if frame.is_corrupt:
         raise UnreadableFrame(DAMAGED)
     image = to_rgb.reformat(frame, format="rgb24").to_ndarray()
-    quarter_turns = round(frame.rotation / 90) % 4
-    return Content(np.ascontiguousarray(np.rot90(image, quarter_turns)) if quarter_turns else image)
+    matrix = frame.side_data.get("DISPLAYMATRIX")
+    return Content(image if matrix is None else _turn_upright(image, np.frombuffer(matrix, "i4")))
+
+
+def _turn_upright(image: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Turned by quarters and mirrored, by the 3x3 matrix of a container: (x, y, 1) times it."""
+    (x_by_x, y_by_x, _), (x_by_y, y_by_y, _), _ = matrix.reshape(3, 3).tolist()
+    across, down = x_by_x, y_by_y
+    if abs(x_by_y) > abs(x_by_x):
+        image, across, down = image.swapaxes(0, 1), x_by_y, y_by_x
+    return np.ascontiguousarray(image[:: -1 if down < 0 else 1, :: -1 if across < 0 else 1])
 
 
 def _positive(rate: object) -> float | None:

@@ -1,3 +1,7 @@
+import errno
+import os
+from pathlib import Path
+
 import av
 import numpy as np
 import pytest
@@ -113,6 +117,19 @@ def test_a_video_that_cannot_be_written_is_named(tmp_path):
         OverlayVideo(tmp_path / "none" / "overlay.mp4", 10) as video,
     ):
         video.add(np.zeros((48, 64, 3), np.uint8))
+
+
+def test_a_video_that_cannot_be_ended_gives_its_room_back(tmp_path, monkeypatch):
+    video = OverlayVideo(tmp_path / "overlay.mp4", 10)
+    video.add(np.zeros((48, 64, 3), np.uint8))
+
+    def fail(self, target):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OutputError, match="No space left"):
+        video.close()
+    assert not [*tmp_path.iterdir()]
 
 
 IMAGE = np.full((200, 200, 3), 100, np.uint8)

@@ -367,6 +367,19 @@ def test_a_split_takes_back_the_merges_into_an_object_and_no_others():
         assert [(one.object_id, one.merged) for one in each.objects()] == [(0, (6,)), (1, ())]
 
 
+def test_what_was_merged_step_by_step_is_split_step_by_step_in_a_joined_memory():
+    other = ObjectRecords()
+    other.note(seen(0, [0, 1, 6]), None)
+    other.merge(0, [6])
+    other.merge(1, [0])
+    records, known = ObjectRecords(), ObjectRecords()
+    records.take_in(other, {0: 10, 1: 11, 6: 16})
+    assert records.split(11) == (10,)
+    assert [(one.object_id, one.merged) for one in records.objects()] == [(10, (16,)), (11, ())]
+    known.take_in(other, {1: 11, 6: 16})  # without what lies between
+    assert known.merged_into == {16: 11}
+
+
 def test_a_name_given_after_a_merge_leaves_the_others_theirs():
     records = ObjectRecords()
     for number in range(3):

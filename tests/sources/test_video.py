@@ -128,17 +128,28 @@ def test_sound_is_no_video(tmp_path):
         open_source(tmp_path / "a.wav")
 
 
-def test_telephone_video_is_turned_upright(tmp_path):
-    """Sets the display matrix in the track header to a quarter turn clockwise."""
+@pytest.mark.parametrize(
+    ("matrix", "upright"),
+    [
+        ((0, 1, -1, 0), lambda image: np.rot90(image, -1)),
+        ((0, -1, 1, 0), lambda image: np.rot90(image)),
+        ((-1, 0, 0, -1), lambda image: np.rot90(image, 2)),
+        ((-1, 0, 0, 1), lambda image: image[:, ::-1]),
+        ((1, 0, 0, -1), lambda image: image[::-1]),
+        ((0, 1, 1, 0), lambda image: image.swapaxes(0, 1)),
+    ],
+)
+def test_telephone_video_is_turned_upright_and_mirrored(tmp_path, matrix, upright):
+    """Sets the display matrix in the track header, of which the first is a turn clockwise."""
     making.write_video(tmp_path / "a.mp4", 3)
     flat = next(iter(open_source(tmp_path / "a.mp4"))).image
     data = bytearray((tmp_path / "a.mp4").read_bytes())
     at = data.find(b"tkhd") + 44
     one = 1 << 16
     assert struct.unpack(">9I", data[at : at + 36]) == (one, 0, 0, 0, one, 0, 0, 0, 1 << 30)
-    turn = struct.pack(">9i", 0, one, 0, -one, 0, 0, making.SIZE[0] * one, 0, 1 << 30)
-    data[at : at + 36] = turn
+    a, b, c, d = (one * value for value in matrix)
+    data[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
     (tmp_path / "a.mp4").write_bytes(data)
     turned = next(iter(open_source(tmp_path / "a.mp4"))).image
     assert flat is not None
-    np.testing.assert_array_equal(turned, np.rot90(flat, -1))
+    np.testing.assert_array_equal(turned, upright(flat))
