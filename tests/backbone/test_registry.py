@@ -71,7 +71,6 @@ def test_text_after_the_colon_is_handed_to_the_factory():
             registry.Backbone("flat", apply=np.asarray, **sides)
 
 
-@pytest.mark.usefixtures("names")
 @pytest.mark.parametrize("backbone", ["patch-statistics", make_backbone()])
 def test_an_unknown_option_is_not_passed_over(backbone):
     """A misspelt option of a tracker arrives here."""
@@ -79,6 +78,7 @@ def test_an_unknown_option_is_not_passed_over(backbone):
         registry.get_backbone(backbone, confg="remind")
 
 
+@pytest.mark.usefixtures("names")
 def test_a_name_belongs_to_one_backbone():
     for _ in range(2):
         registry.register("mean-color", make_backbone)
