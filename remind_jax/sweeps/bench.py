@@ -292,14 +292,18 @@ def code_of(method: Method) -> str:
 
     What the files import, and their globals, are not looked at.
     """
-    functions, told = (method.init, method.describe, method.decide), []
+    return _text_of_method(method, [])
+
+
+def _text_of_method(method: Method, told: list[Any]) -> str:
+    functions = (method.init, method.describe, method.decide)
     return "".join(_text_of(one, told) for one in functions if not is_of_this_package(one))
 
 
 def _text_of(value: Any, told: list[Any]) -> str:
     """What tells a value from others, in any process; a function that was told of is left out."""
     if isinstance(value, Method):
-        return value.name + code_of(value)
+        return value.name + _text_of_method(value, told)
     if callable(value) and not isinstance(value, type):
         if is_of_this_package(value):
             return str(identify(value))

@@ -175,6 +175,8 @@ def test_rows_depend_on_what_is_bound_to_a_function_of_an_own_method():
     assert len(set(codes)) == 4
     codes = [code_of(within(within(reach))) for reach in (1, 1, 2)]
     assert codes[0] == codes[1] != codes[2]
+    calls_itself = dataclasses.replace(package, decide=lambda *given: calls_itself.init)
+    assert code_of(calls_itself) == code_of(calls_itself)
     kept = [functools.partial(within(1).decide, reach=reach) for reach in (1, 1, 2)]
     codes = [code_of(dataclasses.replace(package, decide=one)) for one in kept]
     assert codes[0] == codes[1] != codes[2]
