@@ -67,7 +67,10 @@ class VideoReader:
                 read = functools.partial(read_picture, frame, to_rgb)
                 yield Entry(index, time_s - origin_s, f"{index:06d}", read, is_timed=True)
                 index += 1
-        self._report_missing(index, time_s, is_damaged, report)
+        last_s = time_s - (origin_s or 0.0)
+        # Of frames that come as they like, the rate that the container names is of no use.
+        seen_fps = (index - 1) / last_s if last_s > 0 else self.fps
+        self._report_missing(index, time_s, seen_fps, is_damaged, report)
 
     def count(self) -> int | None:
         """Frames; where the container does not say, by reading the whole file."""
@@ -101,14 +104,19 @@ class VideoReader:
             raise SourceError(f"no frame of the video '{self._file}' can be decoded{why}")
 
     def _report_missing(
-        self, num_seen: int, last_s: float, is_damaged: bool, report: Report
+        self,
+        num_seen: int,
+        last_s: float,
+        seen_fps: float | None,
+        is_damaged: bool,
+        report: Report,
     ) -> None:
         """Frames that are not there, by their count; where that is an estimate, by time."""
         if self.num_entries is None:
             return
         missing, tolerated = self.num_entries - num_seen, 0
-        if self.end_s is not None and self.fps is not None:
-            by_time = round((self.end_s - last_s) * self.fps) - 1
+        if self.end_s is not None and seen_fps is not None:
+            by_time = round((self.end_s - last_s) * seen_fps) - 1
             missing = max(by_time, missing) if is_damaged else by_time
             tolerated = max(1, round(self.num_entries * ESTIMATE_SLACK))
         if missing > tolerated:

@@ -84,6 +84,16 @@ def test_a_video_of_few_frames_for_its_length_is_whole(tmp_path, pts):
     assert source.skipped == []
 
 
+def test_missing_frames_of_a_cut_video_are_counted_by_the_rate_of_those_that_are_there(tmp_path):
+    making.write_video(tmp_path / "a.mkv", 60, times=[10 * (i // 2) + i % 2 for i in range(60)])
+    whole = (tmp_path / "a.mkv").read_bytes()
+    (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) // 2])
+    source = open_source(tmp_path / "cut.mkv")
+    seen = len(list(source))
+    assert seen < 50
+    assert sum(s.count for s in source.skipped) == pytest.approx(60 - seen, abs=3)
+
+
 def test_damaged_middle_is_reported(tmp_path):
     making.write_video(tmp_path / "a.mp4", 40)
     data = bytearray((tmp_path / "a.mp4").read_bytes())
