@@ -84,6 +84,7 @@ def run_into(
                 # What was done is finished; what went wrong first is what is reported.
                 with contextlib.suppress(RemindError):
                     loop.release(writer)
+                with contextlib.suppress(RemindError):
                     _finish(loop.conclude(info, complete=False), tracker, writer)
                 raise
             result = _finish(loop.conclude(info, complete), tracker, writer)

@@ -23,7 +23,7 @@ from remind_jax.decision import Outcome
 from remind_jax.errors import ConfigError, OutputError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.writer import MEMORY_NAME
+from remind_jax.outputs.writer import MEMORY_NAME, RunWriter
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress
 from remind_jax.sources import detections_from
@@ -242,6 +242,21 @@ def test_a_memory_that_cannot_be_written_leaves_the_rest(tmp_path, monkeypatch):
         rj.run(PICTURES[:3], out=tmp_path / "run", overlay=False)
     assert (tmp_path / "run" / "report.html").is_file()
     assert len(Result.load(tmp_path / "run").tracks) == 3
+
+
+def test_what_cannot_be_written_any_more_leaves_a_run_that_says_so(tmp_path, monkeypatch):
+    add, added = RunWriter.add, []
+
+    def add_two(writer, frame, tracks):
+        if len(added) == 2:
+            raise OutputError("the disk is full")
+        added.append(frame)
+        add(writer, frame, tracks)
+
+    monkeypatch.setattr(RunWriter, "add", add_two)
+    with pytest.raises(OutputError, match="the disk is full"):
+        rj.run(PICTURES[:4], out=tmp_path, overlay=False, delay=2)
+    assert json.loads((tmp_path / "run.json").read_text())["complete"] is False
 
 
 def write_frames(folder: Path, masks: list[str]) -> None:
