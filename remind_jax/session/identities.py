@@ -49,12 +49,9 @@ class Identities:
 
         Objects of a memory without announcements were announced under the ids that they have there.
         """
-        if memory.announced is not None:
-            self.announcements = memory.announced
-        elif self.announce_after > 1:
+        self.announcements = memory.announced
+        if memory.announced.is_identity and self.announce_after > 1:
             self.announcements = Announcements.all_below(int(memory.state.next_id))
-        else:
-            self.announcements = Announcements()
         self.records, self._is_new_session = memory.records, True
 
     def resume(self, merged_into: Mapping[int, int]) -> None:

@@ -50,7 +50,7 @@ class SavedMemory:
     class_names: tuple[str, ...]  # class id -> name
     backbone: str
     tracker: str = PAPER_METHOD  # name of the method
-    announced: Announcements | None = None  # None: all objects, under their own ids
+    announced: Announcements = dataclasses.field(default_factory=Announcements)
     records: ObjectRecords = dataclasses.field(default_factory=ObjectRecords)
     at_rest: AtRest | None = None  # objects that the state has no slots for
     fingerprint: str = ""  # of the backbone; none is known of files of earlier versions
@@ -62,8 +62,7 @@ class SavedMemory:
 
     def object_ids(self) -> set[int]:
         """The announced ids of its objects, and of all that people declared to be one of them."""
-        announced = self.announced or Announcements()
-        return self.records.with_merged({announced.id_of(one) for one in self.known_ids()})
+        return self.records.with_merged({self.announced.id_of(one) for one in self.known_ids()})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,7 +165,7 @@ def _describe(
         header["fingerprint"] = memory.fingerprint
     if before is not None:
         header["after"] = before.sha256
-    if memory.announced is not None:
+    if not memory.announced.is_identity:
         header["announced"] = _to_text(memory.announced.among(memory.known_ids()).filed())
     header["sha256"] = checksum_of(header, leaves)
     return leaves, header
@@ -305,7 +304,7 @@ def _type(array: Any) -> str:
 
 def _read_description(
     metadata: Mapping[str, str], path: Path
-) -> tuple[Static, tuple[str, ...], Announcements | None, FiledRecords]:
+) -> tuple[Static, tuple[str, ...], Announcements, FiledRecords]:
     """Static, class names of the memory, what was announced, and records of its objects."""
     where = f"'{path}', header"
     for name in ("static", "class_names", "backbone", "tracker", "records"):
@@ -341,7 +340,7 @@ def _read_description(
             )
     static = dataclasses.replace(static, switches=switches)
     names = tuple(read("class_names", list[str]))
-    announced = None
+    announced = Announcements()
     if "announced" in metadata:
         announced = read("announced", FiledAnnouncements).restored()
     check_precision(static, f"{path} was made with", OutputError)

@@ -348,19 +348,17 @@ class ObjectRecords:
         self.merges = {one: kept for one, kept in self.merges.items() if one not in apart}
         return apart
 
-    def drop(self, object_id: int) -> tuple[int, ...]:
-        """Removes the record of an object; gives the ids of all that it was merged from.
+    def drop(self, object_id: int) -> None:
+        """Removes the record of an object, and of all that it was merged from.
 
         Raises:
           SourceError: If there is no such object.
         """
-        object_id = self.check_known(object_id)
-        members = self.members(object_id)
+        members = self.members(self.check_known(object_id))
         for one in members:
             self._records.pop(one, None)
         self.given = {one: name for one, name in self.given.items() if one not in members}
         self.merges = {one: kept for one, kept in self.merges.items() if one not in members}
-        return members
 
     @property
     def labels(self) -> set[str]:

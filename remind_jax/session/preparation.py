@@ -153,7 +153,17 @@ class FramePreparer:
         )
 
     def _patch_px_of(self, frame: Frame) -> int:
-        return self._patch_px if frame.features is None else _patch_px_of_features(frame)
+        """Side of a patch in pixels, also of a frame that brings its own features."""
+        if frame.features is None:
+            return self._patch_px
+        (height, width), (rows, columns) = frame.size, frame.features.shape[:2]
+        patch_px = height // rows
+        if patch_px < 1 or (height // patch_px, width // patch_px) != (rows, columns):
+            raise SourceError(
+                f"features of frame '{frame.name}' are {rows}x{columns} patches, which do not "
+                f"tile its {height}x{width} pixels with square patches"
+            )
+        return patch_px
 
 
 def _wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
@@ -173,16 +183,3 @@ def _wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
     # So that planes are read once, and the caller's not kept.
     detections = dataclasses.replace(detections, masks=Crops.of(masks))
     return detections.select(np.array(kept, int)), len(labels) - len(kept)
-
-
-def _patch_px_of_features(frame: Frame) -> int:
-    """Side of a patch in pixels of a frame that brings its own features."""
-    assert frame.features is not None
-    (height, width), (rows, columns) = frame.size, frame.features.shape[:2]
-    patch_px = height // rows
-    if patch_px < 1 or (height // patch_px, width // patch_px) != (rows, columns):
-        raise SourceError(
-            f"features of frame '{frame.name}' are {rows}x{columns} patches, which do not "
-            f"tile its {height}x{width} pixels with square patches"
-        )
-    return patch_px
