@@ -16,6 +16,7 @@ from jaxtyping import Int
 
 from remind_jax.backbone.registry import Backbone
 from remind_jax.calibration.comparisons import NONE, Sightings, Views
+from remind_jax.calibration.estimate import join
 from remind_jax.config import Config
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError
@@ -151,7 +152,7 @@ def _collect(name: str, kept: dict[int, list[Views]], frames: list[Boxes]) -> Sc
     described = [frames[number] for number in kept]
     return SceneViews(
         name=name,
-        views=tuple(Views.join(of_one) for of_one in zip(*kept.values(), strict=True)),
+        views=tuple(join(of_one) for of_one in zip(*kept.values(), strict=True)),
         tracklets=Sightings(
             np.concatenate([np.full(len(one.valid), one.index, np.int32) for one in described]),
             np.concatenate([tracks[number] for number in kept]),
