@@ -20,7 +20,6 @@ from remind_jax.outputs.run_records import (
     RunInfo,
     RunRecord,
     StartRow,
-    check_masks,
     tracks_of,
     tracks_to_json,
 )
@@ -124,7 +123,6 @@ def read_detections(path: Path) -> tuple[RunInfo, tuple[Tracks, ...]]:
             )
         try:
             frames.append(tracks_of(frame))
-            check_masks(frames[-1:])
         except OutputError as error:
             raise OutputError(f"{where}: {error}; {_RESTORE}") from error
     return info, tuple(frames)

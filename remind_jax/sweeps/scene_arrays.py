@@ -43,14 +43,6 @@ _log = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
-class Truth:
-    """Which true object each detection shows."""
-
-    object_index: Int[np.ndarray, "T N"]  # 0, 1, ...; -1 where there is none
-    num_objects: int
-
-
-@dataclasses.dataclass(frozen=True)
 class StackedScene:
     """A scene as arrays of fixed shapes, for `jax.lax.scan` over the frames of any method.
 
@@ -77,7 +69,8 @@ class SceneFrames:
     feats: list[AnyFeats]
     masks: list[Masks]  # one slot per detection
     observed: list[Any]  # what the method observed beside them
-    truth: Truth
+    object_index: Int[np.ndarray, "T N"]  # true object of each detection: 0, 1, ...; -1 for none
+    num_objects: int  # true ones
     config: Config  # what a setting does not name, with the profile of what features come from
 
     @property
@@ -102,7 +95,7 @@ class SceneFrames:
         in_turn = get_method(self.config.tracker).sweeping.in_turn_on_cpu
         needed = {
             "num_detections": most,
-            "num_objects": self.truth.num_objects * (3 if in_turn else 2) // 2 + most,
+            "num_objects": self.num_objects * (3 if in_turn else 2) // 2 + most,
             "num_pending": most,
         }
         return {name: _round_up(max(1, count)) for name, count in needed.items()}
@@ -113,7 +106,7 @@ class SceneFrames:
         digest = hashlib.sha256()
         for leaf in jax.tree.leaves((self.feats, self.masks, self.observed)):
             digest.update(np.ascontiguousarray(leaf).data)
-        digest.update(np.ascontiguousarray(self.truth.object_index).data)
+        digest.update(np.ascontiguousarray(self.object_index).data)
         return digest.hexdigest()
 
 
@@ -149,8 +142,8 @@ def load_scene(
             f"'{source.name}' holds no mask of a known object; a sweep is scored against masks "
             "that say which object they show"
         )
-    truth = _truth(instances, found)
-    return SceneFrames(source.name, feats, masks, observed, truth, config)
+    index = _index_objects(instances, found)
+    return SceneFrames(source.name, feats, masks, observed, index, len(found), config)
 
 
 def stack_scene(
@@ -257,13 +250,13 @@ def _with_masks(frame: Frame) -> Frame:
     return frame
 
 
-def _truth(instances: list[np.ndarray], found: list[int]) -> Truth:
+def _index_objects(instances: list[np.ndarray], found: list[int]) -> Int[np.ndarray, "T N"]:
     number = {instance: index for index, instance in enumerate(found)}
     shape = (len(instances), max(len(ids) for ids in instances))
     index = np.full(shape, NONE, np.int32)
     for frame, ids in enumerate(instances):
         index[frame, : len(ids)] = [number.get(int(instance), NONE) for instance in ids]
-    return Truth(index, len(found))
+    return index
 
 
 def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:

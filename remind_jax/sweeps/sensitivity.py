@@ -14,7 +14,7 @@ from remind_jax.method import PAPER_METHOD
 from remind_jax.settings.ranges import check_option
 from remind_jax.sweeps.result import SweepResult, markdown_table, sign_of
 from remind_jax.sweeps.search import GIVEN, Space
-from remind_jax.sweeps.settings import MAX_SETTINGS, Setting, Value
+from remind_jax.sweeps.settings import MAX_SETTINGS, Setting, Value, is_range
 
 if TYPE_CHECKING:
     from remind_jax.sweeps.bench import SceneBench
@@ -138,7 +138,7 @@ def space_of(tracker: str) -> Space:
 
 def spread(values: Sequence[Value], number: int) -> list[Value]:
     """So many values of a range, evenly, ends included; choices as they are."""
-    if len(values) != 2 or isinstance(values[0], bool):
+    if not is_range(values):
         return list(values)
     low, high = values
     steps = np.linspace(low, high, number)
