@@ -105,7 +105,11 @@ class MemoryFile:
         self._written = None
         records = memory.records.kept(memory.object_ids())
         at_rest = None if memory.at_rest is None else memory.at_rest.snapshot()
-        if before is None or not _has_room(self.path, before.num_bytes):
+        if (
+            before is None
+            or not self.path.exists()
+            or self.path.stat().st_size > 2 * before.num_bytes
+        ):
             sha256 = save_memory(self.path, memory, durably=True)
             num_bytes = self.path.stat().st_size
         else:
@@ -117,11 +121,6 @@ class MemoryFile:
             sha256, num_bytes = header["sha256"], before.num_bytes
         self._found_as = _identity(self.path)
         self._written = _Written(records, at_rest, sha256, num_bytes)
-
-
-def _has_room(path: Path, num_bytes: int) -> bool:
-    """Whether a change is to be added to a file whose first part takes so many bytes."""
-    return path.exists() and path.stat().st_size <= 2 * num_bytes
 
 
 def _identity(path: Path) -> tuple[int, int, int] | None:

@@ -242,12 +242,7 @@ class ObjectRecords:
         return int(object_id)
 
     def rename(self, object_id: int, name: str) -> None:
-        """Calls an object by a name; by class and id again if it is empty.
-
-        Raises:
-          SourceError: If there is no such object, the name is no short line of text, or another
-            object has it.
-        """
+        """Calls an object by a name, as `Tracker.rename`; by class and id if it is empty."""
         object_id = self.check_known(object_id)
         if not isinstance(name, str) or len(name) > MAX_LABEL or on_one_line(name) != name:
             raise SourceError(
@@ -268,11 +263,7 @@ class ObjectRecords:
         self.given = kept | ({object_id: name} if name else {})
 
     def merge(self, kept: int, gone: Iterable[int]) -> None:
-        """Declares objects to be one, which has the id of the first.
-
-        Raises:
-          SourceError: If one of them is not there, or named twice.
-        """
+        """Declares objects to be one, which has the id of the first, as `Tracker.merge`."""
         kept = self.check_known(kept)
         ids = [self.check_known(one) for one in gone]
         if not ids or len({kept, *ids}) <= len(ids):
@@ -331,12 +322,9 @@ class ObjectRecords:
         return object_id in self._records
 
     def split(self, object_id: int) -> tuple[int, ...]:
-        """Takes back all `merge`s into an object; gives the ids of those that are apart again.
+        """Takes back all `merge`s into an object, as `Tracker.split`.
 
         What was merged into one of those before stays with it.
-
-        Raises:
-          SourceError: If there is no such object, or nothing was merged into it by people.
         """
         object_id = self.check_known(object_id)
         apart = tuple(sorted(one for one, kept in self.merges.items() if kept == object_id))

@@ -58,12 +58,7 @@ class FramePreparer:
         self.last_time_s: float | None = None
 
     def prepare(self, frame: Frame, config: Config) -> Prepared:
-        """Drops ignored classes, aligns frame and masks to whole patches, and reduces the masks.
-
-        Raises:
-          SourceError: If the frame has no detections, neither image nor features, is smaller than
-            a patch, or disagrees with its masks about the size.
-        """
+        """Aligns frame and wanted masks to whole patches, and reduces these (`Tracker.prepare`)."""
         start = time.perf_counter()
         detections, num_ignored = _wanted_detections(frame, config)
         alignment = self._align(frame, config)

@@ -62,7 +62,10 @@ def search(
     tried = 0
     while tried < number:
         trials = [study.ask() for _ in range(min(at_once, number - tried))]
-        settings = [_propose(trial, space) for trial in trials]
+        settings: list[Setting] = [
+            {name: _suggest(trial, name, values) for name, values in space.items()}
+            for trial in trials
+        ]
         result = bench.run([GIVEN, *settings] if not tried else settings)
         results.append(result)
         if not result.complete:
@@ -120,10 +123,6 @@ def _make_sampler(name: SamplerName, at_once: int, seed: int) -> Any:
         if name == "nsga2":
             return optuna.samplers.NSGAIISampler(population_size=max(2, at_once), seed=seed)
     raise SweepError(f"there is no sampler {name!r}; {nearest_names(name, ('tpe', 'nsga2'))}")
-
-
-def _propose(trial: optuna.Trial, space: Space) -> Setting:
-    return {name: _suggest(trial, name, values) for name, values in space.items()}
 
 
 def _suggest(trial: optuna.Trial, name: str, values: Sequence[Value]) -> Value:
