@@ -207,7 +207,7 @@ def tracks_of(frame: FrameRow) -> Tracks:
 
 @dataclasses.dataclass(frozen=True)
 class KnownObject:
-    """An object that the memory knew before the run."""
+    """An object that a memory knows, or knew before the run."""
 
     object_id: Small
     label: Label  # class

@@ -37,7 +37,7 @@ class Identities:
         """Knows no object yet; the first one announced late will have `first_id`."""
         self.announce_after = announce_after
         at_once = announce_after <= 1
-        self.announcements = Announcements() if at_once else Announcements.none(first_id)
+        self.announcements = Announcements() if at_once else Announcements.all_below(first_id)
         self.records = ObjectRecords()
         self.decided: Tracks | None = None
         self.merges: list[tuple[int, int]] = []

@@ -130,10 +130,9 @@ def _identity(path: Path) -> tuple[int, int, int] | None:
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> str:
+def save_memory(path: Path, memory: SavedMemory, *, durably: bool = False) -> str:
     """Writes a memory file, as `files.replacing`; gives its checksum."""
     leaves, header = _describe(memory)
-    path = files.as_path(path, "the memory file", OutputError)
     with files.replacing(path, SafetensorError, durably=durably) as partial:
         partial.write_bytes(save(leaves, header))  # `save_file` lets nobody else read it
     return header["sha256"]

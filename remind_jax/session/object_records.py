@@ -19,9 +19,10 @@ from remind_jax.errors import SourceError, on_one_line
 from remind_jax.files.limits import MAX_LABEL
 from remind_jax.formats.firm import firm_rows
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
+from remind_jax.outputs.run_records import KnownObject
 from remind_jax.session.answers import as_merged
 from remind_jax.session.object_pictures import Pictures, best_of
-from remind_jax.tracks import Tracks, title_of
+from remind_jax.tracks import Tracks
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -36,22 +37,14 @@ class Sight:
 
 
 @dataclasses.dataclass(frozen=True)
-class RememberedObject:
-    """An object in memory, as people are told of it."""
+class RememberedObject(KnownObject):
+    """An object in memory, as people are told of it; its class is that at first sight."""
 
-    object_id: int
-    label: str  # class at first sight
-    name: str  # given by people; empty without one
     num_frames: int  # in which its identity was firm
     first: Sight
     last: Sight
     merged: tuple[int, ...] = ()  # objects that people declared to be this one
     pictures: tuple[bytes, ...] = dataclasses.field(default=(), repr=False)  # JPEG, best first
-
-    @property
-    def title(self) -> str:
-        """Its name, else class and id."""
-        return title_of(self.label, self.object_id, {self.object_id: self.name})
 
 
 @dataclasses.dataclass(frozen=True)

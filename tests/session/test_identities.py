@@ -166,4 +166,4 @@ def test_a_tracker_that_is_reset_knows_nobody():
     tracker.reset()
     assert tracker.identities.decided is None
     assert tracker.identities.records.num_records == 0
-    assert tracker.identities.announcements == Announcements.none()
+    assert tracker.identities.announcements == Announcements.all_below(0)
