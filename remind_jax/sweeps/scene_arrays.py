@@ -132,10 +132,7 @@ def load_scene(
     Raises:
       SourceError: If the source is empty, or does not say which objects its masks show.
     """
-    reader = Tracker(config.updated({"thresholds": nest(reduced_with or {})}), backbone)
-    feats, masks, observed, instances, brings_features = _read(source, reader)
-    if not brings_features:
-        config = config.for_backbone(*backbone.identity)
+    feats, masks, observed, instances, config = _read(source, config, backbone, reduced_with or {})
     found = sorted({int(i) for ids in instances for i in ids} - {NO_INSTANCE})
     if not found:
         raise SourceError(
@@ -181,11 +178,7 @@ def stack_scene(
         check_option("num_objects", num_objects, 1, MOST_OBJECTS)
     check_options(source_options, stack_scene)
     source = open_source(source, **source_options)
-    config = load_config(config)
-    backbone = open_backbone(backbone)
-    feats, masks, observed, *_, brings_features = _read(source, Tracker(config, backbone))
-    if not brings_features:
-        config = config.for_backbone(*backbone.identity)
+    feats, masks, observed, _, config = _read(source, load_config(config), open_backbone(backbone))
     static = dataclasses.replace(
         config.static,
         num_detections=max(1, *(len(one.valid) for one in masks)),
@@ -201,12 +194,13 @@ def stack_scene(
 
 
 def _read(
-    source: Source, reader: Tracker
-) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], bool]:
+    source: Source, config: Config, backbone: Backbone, reduced_with: Mapping[str, float] = {}
+) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], Config]:
     """Of all frames features, masks, what is observed, and instances.
 
-    Last, whether it brings features.
+    Last, the configuration, with the profile of the backbone unless the source brings features.
     """
+    reader = Tracker(config.updated({"thresholds": nest(reduced_with)}), backbone)
     feats, masks, observed, instances = [], [], [], []
     brings_features = False
     # One waits at most, whatever its size.
@@ -239,7 +233,9 @@ def _read(
             f"not one feature of '{source.name}' is a finite number; give another backbone, or its "
             "features in float32"
         )
-    return feats, masks, observed, instances, brings_features
+    if not brings_features:
+        config = config.for_backbone(*backbone.identity)
+    return feats, masks, observed, instances, config
 
 
 def _with_masks(frame: Frame) -> Frame:
