@@ -98,7 +98,8 @@ class RunWriter:
     ) -> None:
         """Prepares the folder, before any work is done."""
         self.folder = Path(out_dir)
-        self._info = dataclasses.replace(info, fps=_usable_fps(info.fps))
+        fps = float(info.fps) if np.isfinite(info.fps) and info.fps > 0 else UNTIMED_FPS
+        self._info = dataclasses.replace(info, fps=fps)
         self._with_overlay = overlay
         self._mcap = mcap
         self._sightings = gallery.SightingCollector()
@@ -161,9 +162,7 @@ class RunWriter:
 
     def finish(self, result: Result) -> None:
         """Closes the streamed files, draws the report, and writes `run.json`."""
-        result = dataclasses.replace(
-            result, info=dataclasses.replace(result.info, fps=_usable_fps(result.info.fps))
-        )
+        result = dataclasses.replace(result, info=self._info)
         try:
             self._open_files.close()
             if self._answers != [*map(_number_answers, result.tracks)]:
@@ -331,7 +330,3 @@ def _prepare_folder(folder: Path, overwrite: bool, resume: bool) -> None:
     for name in [f"{name}.part" for name in names] + ([] if resume else list(names)):
         with files.writing(folder / name):
             (folder / name).unlink(missing_ok=True)
-
-
-def _usable_fps(fps: float) -> float:
-    return float(fps) if np.isfinite(fps) and fps > 0 else UNTIMED_FPS
