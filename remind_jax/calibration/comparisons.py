@@ -25,7 +25,7 @@ TRACKS = 400  # of a scene that take part
 SHORTEST = 6  # views of a tracklet that takes part
 
 
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Sightings:
     """Which object, or tracklet, is seen in which view; views by rising frame."""
 

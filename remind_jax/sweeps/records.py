@@ -135,11 +135,8 @@ class Records:
 
 
 def _line(row: Row) -> str:
-    scores = without_nan(row.scores)
-    return json.dumps(
-        {"key": row.key, "scene": row.scene, "setting": row.setting, "scores": scores},
-        separators=(",", ":"),
-    )
+    content = {**vars(row), "scores": without_nan(row.scores)}
+    return json.dumps(content, separators=(",", ":"))
 
 
 def _decode(line: bytes) -> Row:
