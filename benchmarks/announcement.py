@@ -82,7 +82,7 @@ def track(frames: Iterable[tuple[Frame, Detections]], config: str) -> list[Seen]
 
 def replay(seen: list[Seen], after: int) -> tuple[list[Tracks], list[Tracks]]:
     """What is told of every frame at once, and in the end."""
-    announced, online = Announcements() if after == 1 else Announcements.none(), []
+    announced, online = Announcements() if after == 1 else Announcements.all_below(0), []
     for one in seen:
         announced = announce(announced, one.tracks, after, one.merges)
         online.append(as_announced(announced, one.tracks))

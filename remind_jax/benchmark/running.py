@@ -10,7 +10,7 @@ import resource
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -193,28 +193,23 @@ def device_memory_mib() -> float | None:
 
 def _prepare_features(setup: Setup, scene: Scene, contender: Contender) -> float:
     """Fills the cache for all contenders and times the backbone, in ms per frame."""
-    cached, times = _keep_features(setup), []
-    for number, image in enumerate(_images(setup, scene, contender)):
-        if number < _TIMED_FRAMES:
-            start = time.perf_counter()
-            jax.block_until_ready(setup.backbone.extract(image[None]))
-            times.append(1000 * (time.perf_counter() - start))
-        cached.extract(image[None])
-    return float(np.median(times[1:] or times)) if times else 0.0
-
-
-def _images(setup: Setup, scene: Scene, contender: Contender) -> Iterator[np.ndarray]:
-    """The frames of a scene as the backbone gets them."""
-    options = contender.config.input
+    cached, times, options = _keep_features(setup), [], contender.config.input
     for frame in scene.open(setup.sampling, masks=False):
-        if frame.image is not None:
-            alignment = Alignment.fit(
-                frame.size,
-                setup.backbone.patch_px,
-                max_width_px=options.max_width_px,
-                center_crop=options.center_crop,
-            )
-            yield alignment.align_image(frame.image)
+        if frame.image is None:
+            continue
+        alignment = Alignment.fit(
+            frame.size,
+            setup.backbone.patch_px,
+            max_width_px=options.max_width_px,
+            center_crop=options.center_crop,
+        )
+        images = alignment.align_image(frame.image)[None]
+        if len(times) < _TIMED_FRAMES:
+            start = time.perf_counter()
+            jax.block_until_ready(setup.backbone.extract(images))
+            times.append(1000 * (time.perf_counter() - start))
+        cached.extract(images)
+    return float(np.median(times[1:] or times)) if times else 0.0
 
 
 def _keep_features(setup: Setup) -> Backbone:

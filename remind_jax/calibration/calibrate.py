@@ -13,7 +13,7 @@ from remind_jax import __version__
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
 from remind_jax.calibration.comparisons import Comparisons, Views, compare_ends, compare_views
-from remind_jax.calibration.estimate import PART_MERGE, Evidence, estimate, estimate_part_merge
+from remind_jax.calibration.estimate import PART_MERGE, estimate, estimate_part_merge, join
 from remind_jax.calibration.reading import SceneViews, read_scene
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields, nest
@@ -161,7 +161,7 @@ def estimate_from(
             compare_views(one.merge_parts(least), pairs, shares, config.static.switches.part_top)
             for one, pairs in zip(of_one, compared, strict=True)
         ]
-        evidence.append(Evidence.join(parts))
+        evidence.append(join(parts))
     same = np.concatenate([pairs.same for pairs in compared])
     found = estimate(evidence[0], evidence[1], same, start) | {PART_MERGE: merge}
     # What the shipped profile of the reference features changes beside those.

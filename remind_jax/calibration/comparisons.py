@@ -7,13 +7,15 @@ parts, `D` feature dimension.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from remind_jax.calibration.estimate import Evidence
+from remind_jax.calibration.estimate import Evidence, join
+from remind_jax.numerics.pytree import pytree
 
 NONE = -1
 VIEWS = 8  # of a memory
@@ -23,7 +25,7 @@ TRACKS = 400  # of a scene that take part
 SHORTEST = 6  # views of a tracklet that takes part
 
 
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Sightings:
     """Which object, or tracklet, is seen in which view; views by rising frame."""
 
@@ -32,7 +34,7 @@ class Sightings:
     class_id: Int[np.ndarray, "V"]
 
 
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Comparisons:
     """Pairs of a query and a memory."""
 
@@ -43,8 +45,7 @@ class Comparisons:
 
     def only(self, chosen: Bool[np.ndarray, "S"]) -> Comparisons:
         """Some of them."""
-        arrays = dataclasses.asdict(self)
-        return Comparisons(**{name: array[chosen] for name, array in arrays.items()})
+        return jax.tree.map(lambda array: array[chosen], self)
 
     @staticmethod
     def of(rows: list[tuple[int, np.ndarray, bool, bool]]) -> Comparisons:
@@ -112,7 +113,7 @@ def _spread(of: np.ndarray, most: int) -> np.ndarray:
 _AT_ONCE = 64  # comparisons
 
 
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Views:
     """Unit vectors of detections, zero where not present (method.md#described-frame)."""
 
@@ -123,21 +124,10 @@ class Views:
     parts: Float[np.ndarray, "V K D"]  # by falling support
     parts_seen: Bool[np.ndarray, "V K"]
 
-    def __len__(self) -> int:
-        return len(self.appearance)
-
     @property
     def num_bytes(self) -> int:
         """Memory that the arrays take."""
-        return sum(getattr(self, field.name).nbytes for field in dataclasses.fields(self))
-
-    @classmethod
-    def join(cls, several: Sequence[Views]) -> Views:
-        """The views of several frames, one after the other."""
-        names = [field.name for field in dataclasses.fields(cls)]
-        return cls(
-            **{name: np.concatenate([getattr(one, name) for one in several]) for name in names}
-        )
+        return sum(array.nbytes for array in jax.tree.leaves(self))
 
     def part_cosines(self) -> Float[np.ndarray, "P"]:
         """Cosines between the parts of one view."""
@@ -173,7 +163,7 @@ def compare_views(
         )
         value, present = (np.stack(columns, axis=1) for columns in zip(*terms, strict=True))
         parts.append(Evidence(value.astype(float), present))
-    return Evidence.join(parts)
+    return join(parts)
 
 
 def _nearest(

@@ -8,8 +8,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
+
+from remind_jax.numerics.pytree import T, pytree
 
 TERMS = ("object", "background", "parts")
 WEIGHTS = tuple(f"similarity.{term}_weight" for term in TERMS)
@@ -77,25 +80,22 @@ class Line:
         return min(self.scale * value, 1.0)
 
 
-@dataclasses.dataclass(frozen=True)
+@pytree
 class Evidence:
     """Terms of the visual score with some features; an absent one has value 0."""
 
     value: Float[np.ndarray, "S T"]
     present: Bool[np.ndarray, "S T"]
 
-    @classmethod
-    def join(cls, several: Sequence[Evidence]) -> Evidence:
-        """All comparisons, one after the other."""
-        return cls(
-            np.concatenate([one.value for one in several]),
-            np.concatenate([one.present for one in several]),
-        )
-
     def score(self, weights: Float[np.ndarray, "T"]) -> Float[np.ndarray, "S"]:
         """Mean of the terms that are present, 0 where none is."""
         counted = weights * self.present
         return (self.value * counted).sum(axis=1) / np.maximum(counted.sum(axis=1), 1e-12)
+
+
+def join(several: Sequence[T]) -> T:
+    """The rows of several records of arrays, one after the other."""
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *several)
 
 
 def estimate(

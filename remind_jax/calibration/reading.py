@@ -16,6 +16,7 @@ from jaxtyping import Int
 
 from remind_jax.backbone.registry import Backbone
 from remind_jax.calibration.comparisons import NONE, Sightings, Views
+from remind_jax.calibration.estimate import join
 from remind_jax.config import Config
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError
@@ -148,16 +149,13 @@ def _describe(
 def _collect(name: str, kept: dict[int, list[Views]], frames: list[Boxes]) -> SceneViews:
     """Puts the views of all frames one after the other, and says which object each shows."""
     tracks = link_boxes(frames)
-    described = [frames[number] for number in kept]
-    return SceneViews(
-        name=name,
-        views=tuple(Views.join(of_one) for of_one in zip(*kept.values(), strict=True)),
-        tracklets=Sightings(
-            np.concatenate([np.full(len(one.valid), one.index, np.int32) for one in described]),
-            np.concatenate([tracks[number] for number in kept]),
-            np.concatenate([one.class_id for one in described]),
-        ),
-    )
+    seen = []
+    for number in kept:
+        one = frames[number]
+        index = np.full(len(one.valid), one.index, np.int32)
+        seen.append(Sightings(index, tracks[number], one.class_id))
+    views = tuple(join(of_one) for of_one in zip(*kept.values(), strict=True))
+    return SceneViews(name, views, join(seen))
 
 
 def link_boxes(frames: Sequence[Boxes]) -> list[Int[np.ndarray, "N"]]:

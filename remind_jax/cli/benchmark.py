@@ -62,6 +62,7 @@ class Benchmark:
         from remind_jax.backbone.opening import open_backbone
         from remind_jax.benchmark.contenders import make_contenders
         from remind_jax.benchmark.running import Setup, run_all
+        from remind_jax.benchmark.scoring import score_scene
         from remind_jax.benchmark.tables import make_tables, save_tables
         from remind_jax.detectors import OnnxDetector
 
@@ -84,7 +85,10 @@ class Benchmark:
         )
         with locked(self.out):
             records = run_all(setup, scenes, contenders, self._say_record)
-        runs = self._score(records, scenes)
+        runs: list[Scored] = []
+        for scene in scenes:
+            of_scene = [record for record in records if record.scene == scene.name]
+            runs += score_scene(self.out, of_scene, scene, self.sampling)
         num_frames = sum(record.num_frames for record in records) // len(contenders)
         size = f"{plural(len(scenes), 'scene')}, {plural(num_frames, 'frame')}"
         about = f"{size}, {setup.regime}, {self.backbone}"
@@ -110,15 +114,6 @@ class Benchmark:
         if not annotated:
             raise ConfigError(f"no scene of '{root}' has annotations; nothing can be scored")
         return annotated
-
-    def _score(self, records: list[Record], scenes: tuple[Scene, ...]) -> list[Scored]:
-        from remind_jax.benchmark.scoring import score_scene
-
-        scored = []
-        for scene in scenes:
-            of_scene = [record for record in records if record.scene == scene.name]
-            scored += score_scene(self.out, of_scene, scene, self.sampling)
-        return scored
 
     def _show(self, tables: dict[str, ComparisonTable], runs: list[Scored]) -> None:
         from remind_jax.benchmark.tables import list_failures

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from remind_jax.sweeps.worker import Progress as SweepProgress
 
 
-class RunDisplay:
+class RunDisplay(RunLine):
     """The line of a run, and its Ctrl-C; hand it to `run` as `progress`.
 
     The first Ctrl-C, SIGTERM or SIGHUP ends the run after the frame in work, so that everything
@@ -37,23 +37,19 @@ class RunDisplay:
     """
 
     def __init__(self, title: str, num_frames: int | None, is_shown: bool) -> None:
+        super().__init__(title, num_frames, is_shown=is_shown)
         self.signal: int | None = None
         self.on_stop: Callable[[], None] = lambda: None
-        self._line = RunLine(title, num_frames, is_shown=is_shown)
-
-    @property
-    def num_done(self) -> int:
-        """Frames so far."""
-        return self._line.num_done
 
     def __enter__(self) -> RunDisplay:
-        self._open = contextlib.ExitStack()
-        self._open.enter_context(handling((signal.SIGINT, *ending_signals()), self._stop))
-        self._open.enter_context(self._line)
+        self._handled = contextlib.ExitStack()
+        self._handled.enter_context(handling((signal.SIGINT, *ending_signals()), self._stop))
+        super().__enter__()
         return self
 
     def __exit__(self, *raised: Any) -> None:
-        self._open.__exit__(*raised)
+        with self._handled:
+            super().__exit__(*raised)
 
     def __call__(self, progress: Progress) -> None:
         """Takes note of a frame.
@@ -61,15 +57,15 @@ class RunDisplay:
         Raises:
           KeyboardInterrupt: If the run was asked to stop since the last one.
         """
-        self._line(progress)
-        if self.signal is not None and not self._line.is_last:
+        super().__call__(progress)
+        if self.signal is not None and not self.is_last:
             raise KeyboardInterrupt
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         if self.signal is not None:
             raise KeyboardInterrupt
         self.signal = number
-        self._line.note = "stopping after this frame"
+        self.note = "stopping after this frame"
         self.on_stop()
 
 

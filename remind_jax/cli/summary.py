@@ -32,12 +32,7 @@ def summary_facts(result: Result, out: Path) -> dict[str, Any]:
 
 
 def print_summary(result: Result, out: Path, notes: Iterable[str] = ()) -> None:
-    """Prints the same for people on stdout."""
-    print_lines(*map(on_one_line, [*notes, *summary_lines(result, out)]))
-
-
-def summary_lines(result: Result, out: Path) -> list[str]:
-    """What was found, how long it took, what went wrong, where it is; one line each."""
+    """Prints for people what was found, how long it took, what went wrong, and where it is."""
     facts = result.summary()
     found = (
         f"{result.info.name}: {plural(facts['frames'], 'frame')}, "
@@ -47,7 +42,8 @@ def summary_lines(result: Result, out: Path) -> list[str]:
     )
     profile = result.info.config.get("profile")
     place = "output in" if result.complete else "stopped; what was done is in"
-    return [
+    lines = [
+        *notes,
         found,
         *([f"thresholds by 'remind calibrate': {profile}"] if profile else []),
         *_say_known(result),
@@ -56,6 +52,7 @@ def summary_lines(result: Result, out: Path) -> list[str]:
         *_say_events(result),
         f"{place} {out}, open {out / 'report.html'}",
     ]
+    print_lines(*map(on_one_line, lines))
 
 
 def _say_known(result: Result) -> list[str]:

@@ -189,8 +189,12 @@ def _explain(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
             f"{'before' if e.decided_at is None else f'in frame {e.decided_at}'}: {_answer(e)}"
         )
     else:
-        yield _explain_stage(e)
-        yield from _explain_candidates(e, t)
+        yield (
+            "it goes on with no tracklet of the frames before: the first detection of one"
+            if e.age == 1
+            else f"it is detection {e.age} of a tracklet that is not decided yet"
+        )
+        yield from _explain_candidates(e)
         yield from _explain_new(e, t)
         yield from _explain_taken(e)
         yield _explain_verdict(e, t)
@@ -199,13 +203,7 @@ def _explain(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     yield from _explain_revision(e)
 
 
-def _explain_stage(e: PlusExplanation) -> str:
-    if e.age == 1:
-        return "it goes on with no tracklet of the frames before: the first detection of one"
-    return f"it is detection {e.age} of a tracklet that is not decided yet"
-
-
-def _explain_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
+def _explain_candidates(e: PlusExplanation) -> Iterator[str]:
     """The evidence for and against the two best."""
     if not e.candidates:
         yield f"no known {e.label} is free to be it"

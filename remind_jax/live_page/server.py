@@ -62,7 +62,6 @@ class LivePage(contextlib.AbstractContextManager):
         self._view = view
         self._host, self._port = parse_where(where)
         self._last_port = self._port + (_MAX_PORTS - 1 if where is True else 0)
-        self._server: _Server | None = None
         self.address = ""
 
     def __enter__(self) -> LivePage:
@@ -74,10 +73,8 @@ class LivePage(contextlib.AbstractContextManager):
 
     def __exit__(self, *raised: object) -> None:
         self._view.end()
-        if self._server is not None:
-            self._server.shutdown()
-            self._server.server_close()
-            self._server = None
+        self._server.shutdown()
+        self._server.server_close()
 
     def _listen(self) -> _Server:
         port = self._port

@@ -14,8 +14,7 @@ from remind_jax.files import as_path, make_folder, replace_file, writing
 from remind_jax.formats.pictures import TIMES_NAME
 from remind_jax.frame import NO_INSTANCE, Detections, Frame
 from remind_jax.masks.run_length import encode_masks
-
-DETECTIONS_NAME = "detections.jsonl"
+from remind_jax.outputs.store import DETECTIONS_NAME, FrameWriter
 
 
 class FrameRecord(contextlib.AbstractContextManager):
@@ -45,10 +44,8 @@ class FrameRecord(contextlib.AbstractContextManager):
         with writing(self.target):
             for old in self.target.glob("[0-9]" * 6 + ".png"):
                 old.unlink()
-            self._rows, self._times = (
-                (self.target / name).open("w", encoding="ascii", newline="\n")
-                for name in (DETECTIONS_NAME, TIMES_NAME)
-            )
+        self._rows = FrameWriter(self.target / DETECTIONS_NAME, "", self._say_detections)
+        self._times = FrameWriter(self.target / TIMES_NAME, "", lambda f: f"{float(f.time_s)!r}\n")
         return self
 
     def __exit__(self, *raised: object) -> None:
@@ -63,24 +60,22 @@ class FrameRecord(contextlib.AbstractContextManager):
         """
         if frame.image is None:
             raise OutputError(f"frame '{frame.name}' has no image to record; leave out record")
-        # First: where a recording is cut off, every picture has its time.
-        with writing(self.target / TIMES_NAME):
-            self._times.write(f"{float(frame.time_s)!r}\n")
-            self._times.flush()
+        self._times.add(frame)  # first: where a recording is cut off, every picture has its time
         options = [cv2.IMWRITE_PNG_COMPRESSION, 1]  # the sizes are near, the times are not
         pixels = cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR)
         png = cv2.imencode(".png", pixels, options)[1].tobytes()
         replace_file(self.target / f"{self._num:06d}.png", png)
+        self._rows.add(frame)
+        self._num += 1
+
+    def _say_detections(self, frame: Frame) -> str:
         row = {
             "frame": self._num,
             "source_index": frame.source_index,
             "time_s": frame.time_s,
             "detections": [] if frame.detections is None else _rows_of(frame.detections),
         }
-        with writing(self.target / DETECTIONS_NAME):
-            self._rows.write(json.dumps(row, separators=(",", ":")) + "\n")
-            self._rows.flush()
-        self._num += 1
+        return json.dumps(row, separators=(",", ":")) + "\n"
 
 
 def _rows_of(detections: Detections) -> list[dict[str, Any]]:

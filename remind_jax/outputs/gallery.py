@@ -20,7 +20,7 @@ MAX_SIGHTINGS = 8  # visits shown per identity, the first ones
 
 _NO_VIEW = np.full((CROP_PX, CROP_PX, 3), NO_IMAGE_GRAY, np.uint8)
 # A view replaces another only if it is better by this factor, so that a visit costs few crops.
-_CLEARLY_BETTER = 1.1
+CLEARLY_BETTER = 1.1
 # Masks of detectors end up to a few pixels before the frame does.
 _BORDER_SHARE = 0.005
 # What a view loses that the border of the frame cuts off.
@@ -90,7 +90,7 @@ class SightingCollector:
                 continue
             likeness = visit.likeness(_shape(tracks, row), not touches_border(tracks, row))
             quality = likeness * view_quality(image, tracks, row)
-            if quality > _CLEARLY_BETTER * visit.quality:
+            if quality > CLEARLY_BETTER * visit.quality:
                 visit.quality = quality
                 self.sightings[visit.place] = dataclasses.replace(
                     self.sightings[visit.place],

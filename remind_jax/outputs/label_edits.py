@@ -170,13 +170,12 @@ def _check_once(tracks: Tracks, label: np.ndarray, where: str) -> None:
 
 def _relabeled(tracks: Tracks, label: np.ndarray, classes: dict[int, str]) -> Tracks:
     is_labeled = label != NO_ID
-    num = len(tracks)
     return dataclasses.replace(
         tracks,
         object_id=label.astype(tracks.object_id.dtype),
         outcome=np.where(is_labeled, Outcome.MATCH, Outcome.DROPPED).astype(tracks.outcome.dtype),
-        reason=np.full(num, Reason.ASSIGNED, tracks.reason.dtype),
-        pending_id=np.full(num, NO_ID, tracks.pending_id.dtype),
+        reason=np.full_like(tracks.reason, Reason.ASSIGNED),
+        pending_id=np.full_like(tracks.pending_id, NO_ID),
         score=np.where(is_labeled, 1.0, 0.0).astype(tracks.score.dtype),
         confidence=np.where(is_labeled, 1.0, 0.0).astype(tracks.confidence.dtype),
         candidate_id=np.full_like(tracks.candidate_id, NO_ID),

@@ -61,11 +61,7 @@ def draw(image: Any, tracks: Tracks) -> UInt8[np.ndarray, "H W 3"]:
 def draw_overlay(
     image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks
 ) -> UInt8[np.ndarray, "H W 3"]:
-    """The frame with masks, outlines and labels; RGB, gray where there is no image.
-
-    Identities have their own color, undecided detections are white with their candidates,
-    discarded ones a thin gray outline.
-    """
+    """As `draw`, of an image of any size, gray without one; what is discarded is outlined only."""
     height, width = tracks.frame_size
     if image is None:
         canvas = np.full((height, width, 3), drawing.NO_IMAGE_GRAY, np.uint8)

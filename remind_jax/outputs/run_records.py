@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from remind_jax.decision import CODES, NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
-from remind_jax.files.limits import MAX_INTEGER, MAX_ROWS
+from remind_jax.files.limits import MAX_FRAMES, MAX_INTEGER
 from remind_jax.files.records import Count, Label, Side, Small, Text, Whole, check
 from remind_jax.frame import SkippedFrame
 from remind_jax.masks.run_length import find_malformed
@@ -22,7 +22,6 @@ from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.static import MOST_DETECTIONS
 from remind_jax.tracks import Tracks, title_of
 
-MAX_FRAMES = MAX_ROWS
 MAX_CANDIDATES = 1_000  # of a detection
 _MAX_CELLS = 10_000_000  # detections times candidates: columns are padded to the widest
 
@@ -163,7 +162,7 @@ def tracks_of(frame: FrameRow) -> Tracks:
     """The identities of a frame; scores are float64, padding candidates id -1 and score 0.
 
     Raises:
-      OutputError: If its parts do not fit together. Masks are checked by `check_masks`.
+      OutputError: If its parts do not fit together, or a mask is damaged.
     """
     rows = frame.detections
     num, width = len(rows), frame.num_candidates
@@ -179,6 +178,12 @@ def tracks_of(frame: FrameRow) -> Tracks:
         rles = tuple({"size": [*frame.size], "counts": row.rle.encode("ascii")} for row in rows)
     except UnicodeEncodeError as error:
         raise OutputError("a mask is damaged: its code is no ASCII text") from error
+    if (malformed := find_malformed(rles)) is not None:
+        height, width = frame.size
+        raise OutputError(
+            f"the mask of detection {malformed} in frame {frame.frame} is damaged: its code is no "
+            f"mask of {height} x {width} pixels (height x width)"
+        )
     columns: dict[str, Any] = {
         key: np.array([kind[getattr(row, key).upper()] for row in rows], np.int32)
         for key, kind in CODES.items()
@@ -200,21 +205,9 @@ def tracks_of(frame: FrameRow) -> Tracks:
     )
 
 
-def check_masks(frames: Iterable[Tracks]) -> None:
-    """Checks the codes of all masks. Raises OutputError if one is damaged."""
-    for frame in frames:
-        row = find_malformed(frame.rles)
-        if row is not None:
-            height, width = frame.frame_size
-            raise OutputError(
-                f"the mask of detection {row} in frame {frame.frame_index} is damaged: its code is "
-                f"no mask of {height} x {width} pixels (height x width)"
-            )
-
-
 @dataclasses.dataclass(frozen=True)
 class KnownObject:
-    """An object that the memory knew before the run."""
+    """An object that a memory knows, or knew before the run."""
 
     object_id: Small
     label: Label  # class
@@ -292,8 +285,8 @@ class RunInfo(Printable):
 class Event:
     """Something worth knowing that happened at a frame, as detections that were dropped."""
 
-    frame_index: Annotated[int, Meta(ge=-1, lt=MAX_ROWS)]  # -1: of the whole run
+    frame_index: Annotated[int, Meta(ge=-1, lt=MAX_FRAMES)]  # -1: of the whole run
     kind: Label  # a word or two: "dropped", "features"
     message: Text
     # Ids that it is about; of what turned out to be another object both, that one last.
-    objects: Annotated[tuple[Small, ...], Meta(max_length=MAX_ROWS)] = ()
+    objects: Annotated[tuple[Small, ...], Meta(max_length=MAX_FRAMES)] = ()

@@ -20,7 +20,6 @@ from remind_jax.outputs.run_records import (
     RunInfo,
     RunRecord,
     StartRow,
-    check_masks,
     tracks_of,
     tracks_to_json,
 )
@@ -42,7 +41,7 @@ class FrameWriter(contextlib.AbstractContextManager):
     """
 
     def __init__(
-        self, path: Path, head: str, text_of: Callable[[Tracks], str], *, append: bool = False
+        self, path: Path, head: str, text_of: Callable[[Any], str], *, append: bool = False
     ) -> None:
         self._path, self._text_of = path, text_of
         with writing(path):
@@ -51,10 +50,10 @@ class FrameWriter(contextlib.AbstractContextManager):
                 self._file.write(head)
                 self._file.flush()
 
-    def add(self, tracks: Tracks) -> None:
-        """Appends one frame."""
+    def add(self, frame: Any) -> None:
+        """Appends one frame, or what is known of it, as `text_of` takes it."""
         with writing(self._path):
-            self._file.write(self._text_of(tracks))
+            self._file.write(self._text_of(frame))
             self._file.flush()
 
     def close(self) -> None:
@@ -124,7 +123,6 @@ def read_detections(path: Path) -> tuple[RunInfo, tuple[Tracks, ...]]:
             )
         try:
             frames.append(tracks_of(frame))
-            check_masks(frames[-1:])
         except OutputError as error:
             raise OutputError(f"{where}: {error}; {_RESTORE}") from error
     return info, tuple(frames)

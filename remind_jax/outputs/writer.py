@@ -7,9 +7,8 @@ import dataclasses
 import pickle
 import tempfile
 import weakref
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from remind_jax.files import writing
 from remind_jax.frame import UNTIMED_FPS, Frame
 from remind_jax.outputs import gallery, overlay, report, store, tables
 from remind_jax.outputs.label_edits import LABEL_PAGE_NAME
+from remind_jax.outputs.mcap_record import McapRecord
 from remind_jax.outputs.overlay import OVERLAY_NAME
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import RunInfo
@@ -73,17 +73,6 @@ MEMORY_NAME = "memory.safetensors"  # written by the tracker
 CHECKPOINT_NAME = "checkpoint"  # folder of what is needed to go on, until the run is complete
 
 
-class ViewerRecord(Protocol):
-    """What a viewer of its own opens: a context manager that is given every frame."""
-
-    def __enter__(self) -> Any: ...
-
-    def __exit__(self, *raised: Any) -> Any: ...
-
-    def add(self, frame: Frame, tracks: Tracks) -> None:
-        """Takes one frame."""
-
-
 class RunWriter:
     """Writes everything a run leaves behind: a context manager around the loop over frames.
 
@@ -105,13 +94,14 @@ class RunWriter:
         overlay: bool = True,
         overwrite: bool = False,
         resume: bool = False,
-        viewers: Sequence[ViewerRecord] = (),
+        mcap: McapRecord | None = None,
     ) -> None:
         """Prepares the folder, before any work is done."""
         self.folder = Path(out_dir)
-        self._info = dataclasses.replace(info, fps=_usable_fps(info.fps))
+        fps = float(info.fps) if np.isfinite(info.fps) and info.fps > 0 else UNTIMED_FPS
+        self._info = dataclasses.replace(info, fps=fps)
         self._with_overlay = overlay
-        self._viewers = viewers
+        self._mcap = mcap
         self._sightings = gallery.SightingCollector()
         self.is_repeating = resume
         _prepare_folder(self.folder, overwrite, resume)
@@ -130,8 +120,8 @@ class RunWriter:
                 if self._with_overlay
                 else None
             )
-            for viewer in self._viewers:
-                opening.enter_context(viewer)
+            if self._mcap is not None:
+                opening.enter_context(self._mcap)
             self._open_files = opening.pop_all()
         return self
 
@@ -167,14 +157,12 @@ class RunWriter:
         self._sightings.add(frame.image, tracks)
         if self._video is not None:
             self._video.add(overlay.draw_for_video(frame.image, tracks))
-        for viewer in self._viewers:
-            viewer.add(frame, tracks)
+        if self._mcap is not None:
+            self._mcap.add(frame, tracks)
 
     def finish(self, result: Result) -> None:
         """Closes the streamed files, draws the report, and writes `run.json`."""
-        result = dataclasses.replace(
-            result, info=dataclasses.replace(result.info, fps=_usable_fps(result.info.fps))
-        )
+        result = dataclasses.replace(result, info=self._info)
         try:
             self._open_files.close()
             if self._answers != [*map(_number_answers, result.tracks)]:
@@ -342,7 +330,3 @@ def _prepare_folder(folder: Path, overwrite: bool, resume: bool) -> None:
     for name in [f"{name}.part" for name in names] + ([] if resume else list(names)):
         with files.writing(folder / name):
             (folder / name).unlink(missing_ok=True)
-
-
-def _usable_fps(fps: float) -> float:
-    return float(fps) if np.isfinite(fps) and fps > 0 else UNTIMED_FPS

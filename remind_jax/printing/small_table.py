@@ -7,6 +7,7 @@ import html
 from collections.abc import Sequence
 
 from remind_jax.printing.terminal import split_columns
+from remind_jax.printing.words import plural
 
 _WIDTH = 80
 _LINES = 12  # that are shown at most
@@ -36,15 +37,11 @@ class SmallTable:
         num_columns = len(next(split_columns(widths, width, len(_GAP))))
         for row in table:
             lines.append(align(row[:num_columns], widths, self.is_text))
-        left_out = [
-            f"{number} more {thing}{'' if number == 1 else 's'}"
-            for number, thing in (
-                (len(self.rows) - len(shown), "row"),
-                (len(widths) - num_columns, "column"),
-            )
-            if number
-        ]
-        if left_out:
+        lacking = {
+            "more row": len(self.rows) - len(shown),
+            "more column": len(widths) - num_columns,
+        }
+        if left_out := [plural(count, what) for what, count in lacking.items() if count]:
             lines.append(f"{_GAP}and {', '.join(left_out)}")
         return "\n".join(lines)
 

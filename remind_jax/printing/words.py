@@ -34,11 +34,6 @@ def change(value: float) -> str:
     return f"{value:+.2f}"
 
 
-def percent(share: float) -> str:
-    """A share in percent."""
-    return f"{100 * share:.3g} %"
-
-
 def plural(count: int, one: str, many: str | None = None) -> str:
     """`1 mug`, `3 mugs`."""
     return f"{count} {one if count == 1 else many or one + 's'}"

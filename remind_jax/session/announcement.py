@@ -41,13 +41,8 @@ class Announcements:
     next_id: int = _ALL  # number of the next object announced
 
     @classmethod
-    def none(cls, first_id: int = 0) -> Announcements:
-        """No object was announced; the first one will have that id."""
-        return cls(known_below=0, next_id=first_id)
-
-    @classmethod
     def all_below(cls, object_id: int) -> Announcements:
-        """All objects with lower ids were announced under these, no other was."""
+        """All objects with lower ids were announced under these, no other; that id is the next."""
         return cls(known_below=object_id, next_id=object_id)
 
     def filed(self) -> FiledAnnouncements:

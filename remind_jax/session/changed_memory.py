@@ -6,7 +6,6 @@ Of those that come along, the ones that are known are merged.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +13,15 @@ import jax
 import numpy as np
 
 from remind_jax.errors import ConfigError, RemindError
-from remind_jax.method import Joining, get_method
+from remind_jax.method import Joined, Joining, get_method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.session import memory_fit
-from remind_jax.session.announcement import Announcements
 from remind_jax.session.memory_file import SavedMemory
 
 
 @dataclasses.dataclass(frozen=True)
-class JoinedObjects:
+class JoinedObjects(Joined):
     """What became of the objects of another memory; ids are those of the answers."""
-
-    ids: Mapping[int, int]  # of each object there: its id here
-    matched: tuple[tuple[int, int], ...]  # objects here, and the ids here of those merged into them
-    # Ids here of objects that stay apart, and the objects that they may be, best first.
-    ambiguous: Mapping[int, tuple[int, ...]]
 
     @property
     def num_added(self) -> int:
@@ -73,9 +66,7 @@ def join_memories(
     thresholds = method.settings() if thresholds is None else thresholds
     sides = [Joining(one.state, one.at_rest, _merged_into(one)) for one in (memory, other)]
     state, joined = method.host.join(*sides, class_ids, thresholds)
-    announced, number_of = (memory.announced or Announcements()).joined(
-        other.announced or Announcements(), joined.ids
-    )
+    announced, number_of = memory.announced.joined(other.announced, joined.ids)
     records = memory.records
     records.take_in(other.records, number_of)
 
@@ -94,7 +85,7 @@ def join_memories(
         memory,
         state=jax.tree.map(jax.numpy.asarray, state),
         class_names=class_names,
-        announced=None if announced.is_identity else announced,
+        announced=announced,
         fingerprint=memory.fingerprint or other.fingerprint,
     )
     return changed, JoinedObjects(number_of, matched, ambiguous)
@@ -102,12 +93,11 @@ def join_memories(
 
 def _merged_into(memory: SavedMemory) -> dict[int, int]:
     """What was declared to be another object, and which, by the ids of the tracker."""
-    announced = memory.announced or Announcements()
     return {
         one: kept
         for gone, into in memory.records.merged_into.items()
-        for kept in announced.memory_ids(into)[:1]
-        for one in announced.memory_ids(gone)
+        for kept in memory.announced.memory_ids(into)[:1]
+        for one in memory.announced.memory_ids(gone)
     }
 
 
@@ -118,9 +108,9 @@ def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
       SourceError: If there is no such object.
       ConfigError: If the tracker cannot forget single objects.
     """
-    records, announced = memory.records, memory.announced or Announcements()
+    records = memory.records
     members = records.members(records.check_known(object_id))
-    ids = [one for member in members for one in announced.memory_ids(member)]
+    ids = [one for member in members for one in memory.announced.memory_ids(member)]
     forgotten = get_method(memory.tracker).forget(memory.state, ids, memory.static)
     if memory.at_rest is not None:
         memory.at_rest.forget(ids)

@@ -211,7 +211,6 @@ class Checkpoints:
         try:
             row = decode_json(line, _Line, where, refused=OutputError)
             tracks = run_records.tracks_of(row.frame)
-            run_records.check_masks([tracks])
         except OutputError as error:
             raise OutputError(f"{where}: {error}; {_START_ANEW}") from error
         # As they are made: in other types pictures would be cut out a little differently.

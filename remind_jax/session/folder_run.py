@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import datetime
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import cv2
@@ -17,9 +17,10 @@ import numpy as np
 import remind_jax
 from remind_jax.errors import OutputError, RemindError
 from remind_jax.outputs import store
+from remind_jax.outputs.mcap_record import McapRecord
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import KnownObject, RunInfo
-from remind_jax.outputs.writer import MEMORY_NAME, RunWriter, ViewerRecord
+from remind_jax.outputs.writer import MEMORY_NAME, RunWriter
 from remind_jax.session.checkpoint import Checkpoints, Header
 from remind_jax.session.frame_loop import FrameLoop
 from remind_jax.session.live import FEATURES_GIVEN, Tracker
@@ -42,7 +43,7 @@ def run_into(
     overlay: bool,
     overwrite: bool,
     resume: bool,
-    viewers: Sequence[ViewerRecord] = (),
+    mcap: McapRecord | None,
 ) -> Result:
     """Tracks all frames, and completes the folder whatever happens; the caller has locked it.
 
@@ -66,12 +67,12 @@ def run_into(
             named, given = _known_objects(tracker), info.object_names
             renamed = tuple(one for one in named if one.name != given.get(one.object_id, ""))
             info = dataclasses.replace(info, renamed=renamed)
-            writer = RunWriter(folder, info, overlay=overlay, resume=True, viewers=viewers)
+            writer = RunWriter(folder, info, overlay=overlay, resume=True, mcap=mcap)
         else:
             first = loop.look_at_first(ahead)
             info = describe_run(loop, first.size, first.features is not None)
             writer = RunWriter(
-                folder, info, overlay=overlay, overwrite=overwrite or resume, viewers=viewers
+                folder, info, overlay=overlay, overwrite=overwrite or resume, mcap=mcap
             )
             if isinstance(loop.source, LiveSource):
                 loop.keep_on_disk(folder)

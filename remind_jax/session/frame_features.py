@@ -69,11 +69,7 @@ class FrameFeatures:
             self._backbone.check_attention()
 
     def describe(self, prepared: Prepared, static: Static) -> AnyFeats:
-        """The features of a frame, or of closeups if it was prepared with such; ready.
-
-        Raises:
-          SourceError: If it has neither an image nor features.
-        """
+        """As `Tracker.describe`: features of closeups if it was prepared with such; ready."""
         size = np.array(prepared.frame.size, np.int32)
         if prepared.features is not None:
             return FrameFeats(prepared.features, size)

@@ -37,7 +37,7 @@ class Identities:
         """Knows no object yet; the first one announced late will have `first_id`."""
         self.announce_after = announce_after
         at_once = announce_after <= 1
-        self.announcements = Announcements() if at_once else Announcements.none(first_id)
+        self.announcements = Announcements() if at_once else Announcements.all_below(first_id)
         self.records = ObjectRecords()
         self.decided: Tracks | None = None
         self.merges: list[tuple[int, int]] = []
@@ -49,12 +49,9 @@ class Identities:
 
         Objects of a memory without announcements were announced under the ids that they have there.
         """
-        if memory.announced is not None:
-            self.announcements = memory.announced
-        elif self.announce_after > 1:
+        self.announcements = memory.announced
+        if memory.announced.is_identity and self.announce_after > 1:
             self.announcements = Announcements.all_below(int(memory.state.next_id))
-        else:
-            self.announcements = Announcements()
         self.records, self._is_new_session = memory.records, True
 
     def resume(self, merged_into: Mapping[int, int]) -> None:

@@ -501,7 +501,6 @@ class Tracker(Printable):
         """The memory as it is now. Raises SourceError if there is nothing to remember yet."""
         if self.state is None:
             raise SourceError("there is no memory before the first frame; 'load' a file for one")
-        announced = self.identities.announcements
         if self._memory.at_rest is not None:
             self._memory.at_rest.drop_present(self.state)
         return memory_file.SavedMemory(
@@ -510,7 +509,7 @@ class Tracker(Printable):
             class_names=tuple(self.preparer.class_ids),
             backbone=FEATURES_GIVEN if self._features_given else self.features.described_by,
             tracker=self.method.name,
-            announced=None if announced.is_identity else announced,
+            announced=self.identities.announcements,
             records=self.identities.records,
             at_rest=self._memory.at_rest,
             fingerprint="" if self._features_given else self.backbone.fingerprint,

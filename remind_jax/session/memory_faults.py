@@ -44,7 +44,7 @@ def find_faults(
     state: Any,
     method: Method,
     class_names: tuple[str, ...],
-    announced: Announcements | None,
+    announced: Announcements,
     first_id: int,
 ) -> Iterator[str]:
     """What is wrong, as phrases."""
@@ -81,9 +81,7 @@ def _of_decisions(decisions: Decisions, next_id: int) -> Iterator[str]:
         yield from outside(f"decisions.{name}", values, NO_ID, max(next_id - 1, NO_ID))
 
 
-def _of_announcements(announced: Announcements | None, next_id: int) -> Iterator[str]:
-    if announced is None:
-        return
+def _of_announcements(announced: Announcements, next_id: int) -> Iterator[str]:
     if announced.known_below < 0 or announced.next_id < 0:
         yield "what was announced counts from below 0"
     for object_id, number in announced.ids.items():

@@ -50,7 +50,7 @@ class SavedMemory:
     class_names: tuple[str, ...]  # class id -> name
     backbone: str
     tracker: str = PAPER_METHOD  # name of the method
-    announced: Announcements | None = None  # None: all objects, under their own ids
+    announced: Announcements = dataclasses.field(default_factory=Announcements)
     records: ObjectRecords = dataclasses.field(default_factory=ObjectRecords)
     at_rest: AtRest | None = None  # objects that the state has no slots for
     fingerprint: str = ""  # of the backbone; none is known of files of earlier versions
@@ -62,8 +62,7 @@ class SavedMemory:
 
     def object_ids(self) -> set[int]:
         """The announced ids of its objects, and of all that people declared to be one of them."""
-        announced = self.announced or Announcements()
-        return self.records.with_merged({announced.id_of(one) for one in self.known_ids()})
+        return self.records.with_merged({self.announced.id_of(one) for one in self.known_ids()})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +105,11 @@ class MemoryFile:
         self._written = None
         records = memory.records.kept(memory.object_ids())
         at_rest = None if memory.at_rest is None else memory.at_rest.snapshot()
-        if before is None or not _has_room(self.path, before.num_bytes):
+        if (
+            before is None
+            or not self.path.exists()
+            or self.path.stat().st_size > 2 * before.num_bytes
+        ):
             sha256 = save_memory(self.path, memory, durably=True)
             num_bytes = self.path.stat().st_size
         else:
@@ -120,11 +123,6 @@ class MemoryFile:
         self._written = _Written(records, at_rest, sha256, num_bytes)
 
 
-def _has_room(path: Path, num_bytes: int) -> bool:
-    """Whether a change is to be added to a file whose first part takes so many bytes."""
-    return path.exists() and path.stat().st_size <= 2 * num_bytes
-
-
 def _identity(path: Path) -> tuple[int, int, int] | None:
     if not path.exists():
         return None
@@ -132,10 +130,9 @@ def _identity(path: Path) -> tuple[int, int, int] | None:
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> str:
+def save_memory(path: Path, memory: SavedMemory, *, durably: bool = False) -> str:
     """Writes a memory file, as `files.replacing`; gives its checksum."""
     leaves, header = _describe(memory)
-    path = files.as_path(path, "the memory file", OutputError)
     with files.replacing(path, SafetensorError, durably=durably) as partial:
         partial.write_bytes(save(leaves, header))  # `save_file` lets nobody else read it
     return header["sha256"]
@@ -166,7 +163,7 @@ def _describe(
         header["fingerprint"] = memory.fingerprint
     if before is not None:
         header["after"] = before.sha256
-    if memory.announced is not None:
+    if not memory.announced.is_identity:
         header["announced"] = _to_text(memory.announced.among(memory.known_ids()).filed())
     header["sha256"] = checksum_of(header, leaves)
     return leaves, header
@@ -305,7 +302,7 @@ def _type(array: Any) -> str:
 
 def _read_description(
     metadata: Mapping[str, str], path: Path
-) -> tuple[Static, tuple[str, ...], Announcements | None, FiledRecords]:
+) -> tuple[Static, tuple[str, ...], Announcements, FiledRecords]:
     """Static, class names of the memory, what was announced, and records of its objects."""
     where = f"'{path}', header"
     for name in ("static", "class_names", "backbone", "tracker", "records"):
@@ -341,7 +338,7 @@ def _read_description(
             )
     static = dataclasses.replace(static, switches=switches)
     names = tuple(read("class_names", list[str]))
-    announced = None
+    announced = Announcements()
     if "announced" in metadata:
         announced = read("announced", FiledAnnouncements).restored()
     check_precision(static, f"{path} was made with", OutputError)

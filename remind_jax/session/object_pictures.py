@@ -13,15 +13,13 @@ import numpy as np
 from jaxtyping import UInt8
 
 from remind_jax.outputs.drawing import encode_jpeg
-from remind_jax.outputs.gallery import crop_detection, view_quality
+from remind_jax.outputs.gallery import CLEARLY_BETTER, crop_detection, view_quality
 from remind_jax.tracks import Tracks
 
 MAX_PICTURES = 3  # of an object
 PICTURE_PX = 96  # side
 MAX_FILE_BYTES = 8 << 20  # of all pictures in a memory file
 _JPEG_QUALITY = 82
-# A view replaces another one of its visit only if it is better by this factor.
-_CLEARLY_BETTER = 1.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +59,7 @@ class Pictures:
         now = self.now
         if num_frames & (num_frames - 1) == 0:
             quality = view_quality(image, tracks, row)
-            if now is None or quality > _CLEARLY_BETTER * now.quality:
+            if now is None or quality > CLEARLY_BETTER * now.quality:
                 crop = crop_detection(image, tracks, row, PICTURE_PX)
                 now = Picture(quality, encode_jpeg(crop, _JPEG_QUALITY))
         return Pictures(self.earlier, now, num_frames)

@@ -19,9 +19,10 @@ from remind_jax.errors import SourceError, on_one_line
 from remind_jax.files.limits import MAX_LABEL
 from remind_jax.formats.firm import firm_rows
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
+from remind_jax.outputs.run_records import KnownObject
 from remind_jax.session.answers import as_merged
 from remind_jax.session.object_pictures import Pictures, best_of
-from remind_jax.tracks import Tracks, title_of
+from remind_jax.tracks import Tracks
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -36,22 +37,14 @@ class Sight:
 
 
 @dataclasses.dataclass(frozen=True)
-class RememberedObject:
-    """An object in memory, as people are told of it."""
+class RememberedObject(KnownObject):
+    """An object in memory, as people are told of it; its class is that at first sight."""
 
-    object_id: int
-    label: str  # class at first sight
-    name: str  # given by people; empty without one
     num_frames: int  # in which its identity was firm
     first: Sight
     last: Sight
     merged: tuple[int, ...] = ()  # objects that people declared to be this one
     pictures: tuple[bytes, ...] = dataclasses.field(default=(), repr=False)  # JPEG, best first
-
-    @property
-    def title(self) -> str:
-        """Its name, else class and id."""
-        return title_of(self.label, self.object_id, {self.object_id: self.name})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -242,12 +235,7 @@ class ObjectRecords:
         return int(object_id)
 
     def rename(self, object_id: int, name: str) -> None:
-        """Calls an object by a name; by class and id again if it is empty.
-
-        Raises:
-          SourceError: If there is no such object, the name is no short line of text, or another
-            object has it.
-        """
+        """Calls an object by a name, as `Tracker.rename`; by class and id if it is empty."""
         object_id = self.check_known(object_id)
         if not isinstance(name, str) or len(name) > MAX_LABEL or on_one_line(name) != name:
             raise SourceError(
@@ -268,11 +256,7 @@ class ObjectRecords:
         self.given = kept | ({object_id: name} if name else {})
 
     def merge(self, kept: int, gone: Iterable[int]) -> None:
-        """Declares objects to be one, which has the id of the first.
-
-        Raises:
-          SourceError: If one of them is not there, or named twice.
-        """
+        """Declares objects to be one, which has the id of the first, as `Tracker.merge`."""
         kept = self.check_known(kept)
         ids = [self.check_known(one) for one in gone]
         if not ids or len({kept, *ids}) <= len(ids):
@@ -331,12 +315,9 @@ class ObjectRecords:
         return object_id in self._records
 
     def split(self, object_id: int) -> tuple[int, ...]:
-        """Takes back all `merge`s into an object; gives the ids of those that are apart again.
+        """Takes back all `merge`s into an object, as `Tracker.split`.
 
         What was merged into one of those before stays with it.
-
-        Raises:
-          SourceError: If there is no such object, or nothing was merged into it by people.
         """
         object_id = self.check_known(object_id)
         apart = tuple(sorted(one for one, kept in self.merges.items() if kept == object_id))
@@ -348,19 +329,17 @@ class ObjectRecords:
         self.merges = {one: kept for one, kept in self.merges.items() if one not in apart}
         return apart
 
-    def drop(self, object_id: int) -> tuple[int, ...]:
-        """Removes the record of an object; gives the ids of all that it was merged from.
+    def drop(self, object_id: int) -> None:
+        """Removes the record of an object, and of all that it was merged from.
 
         Raises:
           SourceError: If there is no such object.
         """
-        object_id = self.check_known(object_id)
-        members = self.members(object_id)
+        members = self.members(self.check_known(object_id))
         for one in members:
             self._records.pop(one, None)
         self.given = {one: name for one, name in self.given.items() if one not in members}
         self.merges = {one: kept for one, kept in self.merges.items() if one not in members}
-        return members
 
     @property
     def labels(self) -> set[str]:

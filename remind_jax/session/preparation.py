@@ -58,12 +58,7 @@ class FramePreparer:
         self.last_time_s: float | None = None
 
     def prepare(self, frame: Frame, config: Config) -> Prepared:
-        """Drops ignored classes, aligns frame and masks to whole patches, and reduces the masks.
-
-        Raises:
-          SourceError: If the frame has no detections, neither image nor features, is smaller than
-            a patch, or disagrees with its masks about the size.
-        """
+        """Aligns frame and wanted masks to whole patches, and reduces these (`Tracker.prepare`)."""
         start = time.perf_counter()
         detections, num_ignored = _wanted_detections(frame, config)
         alignment = self._align(frame, config)
@@ -153,7 +148,17 @@ class FramePreparer:
         )
 
     def _patch_px_of(self, frame: Frame) -> int:
-        return self._patch_px if frame.features is None else _patch_px_of_features(frame)
+        """Side of a patch in pixels, also of a frame that brings its own features."""
+        if frame.features is None:
+            return self._patch_px
+        (height, width), (rows, columns) = frame.size, frame.features.shape[:2]
+        patch_px = height // rows
+        if patch_px < 1 or (height // patch_px, width // patch_px) != (rows, columns):
+            raise SourceError(
+                f"features of frame '{frame.name}' are {rows}x{columns} patches, which do not "
+                f"tile its {height}x{width} pixels with square patches"
+            )
+        return patch_px
 
 
 def _wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
@@ -173,16 +178,3 @@ def _wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
     # So that planes are read once, and the caller's not kept.
     detections = dataclasses.replace(detections, masks=Crops.of(masks))
     return detections.select(np.array(kept, int)), len(labels) - len(kept)
-
-
-def _patch_px_of_features(frame: Frame) -> int:
-    """Side of a patch in pixels of a frame that brings its own features."""
-    assert frame.features is not None
-    (height, width), (rows, columns) = frame.size, frame.features.shape[:2]
-    patch_px = height // rows
-    if patch_px < 1 or (height // patch_px, width // patch_px) != (rows, columns):
-        raise SourceError(
-            f"features of frame '{frame.name}' are {rows}x{columns} patches, which do not "
-            f"tile its {height}x{width} pixels with square patches"
-        )
-    return patch_px

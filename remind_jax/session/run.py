@@ -18,9 +18,10 @@ from remind_jax.files import as_path
 from remind_jax.live_page.server import LivePage, parse_where
 from remind_jax.live_page.view import LiveView
 from remind_jax.outputs.frame_record import FrameRecord
+from remind_jax.outputs.mcap_record import McapRecord
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.store import DETECTIONS_NAME
-from remind_jax.outputs.writer import CHECKPOINT_NAME, MEMORY_NAME, ViewerRecord, check_folder
+from remind_jax.outputs.writer import CHECKPOINT_NAME, MEMORY_NAME, check_folder
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.checkpoint import Checkpoints
 from remind_jax.session.delay import choose_delay
@@ -165,12 +166,8 @@ def run(
         loop.progress = stack.enter_context(follow_run(progress, frames.name, frames.num_frames))
         if checkpoints is None:
             return run_alone(loop)
-        viewers: list[ViewerRecord] = []
-        if mcap is not None:
-            from remind_jax.outputs.mcap_record import McapRecord
-
-            opened_s = frames.opened_at.timestamp() if isinstance(frames, LiveSource) else 0.0
-            viewers.append(McapRecord(mcap, opened_s))
+        opened_s = frames.opened_at.timestamp() if isinstance(frames, LiveSource) else 0.0
+        viewed = None if mcap is None else McapRecord(mcap, opened_s)
         stack.enter_context(files.locked(checkpoints.run_folder))
         return run_into(
             loop,
@@ -179,7 +176,7 @@ def run(
             overlay=overlay,
             overwrite=overwrite,
             resume=resume,
-            viewers=viewers,
+            mcap=viewed,
         )
 
 

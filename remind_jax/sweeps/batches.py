@@ -217,9 +217,9 @@ def score_batch(
     Frames, objects and settings (up to a full batch) are filled up, so that scenes and batches
     share what is compiled.
     """
-    truth, (num_frames, num_settings, slots) = scene.truth, answers.outcome.shape
+    num_frames, num_settings, slots = answers.outcome.shape
     more_frames = -num_frames % _FRAMES_SCORED_AT_ONCE
-    lacking = slots - truth.object_index.shape[1]
+    lacking = slots - scene.object_index.shape[1]
     widen = lambda leaf: np.pad(  # noqa: E731
         leaf, ((0, more_frames), (0, lacking)), constant_values=NONE
     )
@@ -233,11 +233,11 @@ def score_batch(
         lambda leaf, value: np.pad(leaf, more[: leaf.ndim], constant_values=value), answers, absent
     )
     num_labels, num_objects = _LABELS_PER_SLOT * static.num_objects, _FEWEST_OBJECTS_SCORED
-    while num_objects < truth.num_objects:
+    while num_objects < scene.num_objects:
         num_objects *= GROWTH_STEP
     while True:
         scores = compiled_score(
-            widen(truth.object_index), filled, num_objects=num_objects, num_labels=num_labels
+            widen(scene.object_index), filled, num_objects=num_objects, num_labels=num_labels
         )
         if not scores["overflow"].any():
             break

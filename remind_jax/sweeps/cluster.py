@@ -111,20 +111,16 @@ def run_task(
     scene: SceneFrames, settings: list[Setting], options: WorkerOptions
 ) -> tuple[list[dict[str, float]], int, int]:
     """Scores of some settings, the batch size and the bytes of the program; runs in a worker."""
-    worker = _worker(options)
-    scores: list[dict[str, float]] = []
-    jobs = [dict(enumerate(settings))]
-    worker.start(scene, jobs, lambda numbers, rows: scores.extend(rows))
-    return scores, worker.batch, worker.program_bytes
-
-
-def _worker(options: WorkerOptions) -> Worker:
-    """Ray keeps processes: what one task compiled and described serves the next."""
+    # Ray keeps processes: what one task compiled and described serves the next.
     known = repr(options)
     if known not in _kept:
         _kept.clear()
         _kept[known] = Worker(*options)
-    return _kept[known]
+    worker = _kept[known]
+    scores: list[dict[str, float]] = []
+    jobs = [dict(enumerate(settings))]
+    worker.start(scene, jobs, lambda numbers, rows: scores.extend(rows))
+    return scores, worker.batch, worker.program_bytes
 
 
 def _join(address: str | None, workers: int | None) -> Any:

@@ -12,7 +12,6 @@ import dataclasses
 import hashlib
 import json
 import math
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -98,8 +97,19 @@ class Records:
             self._file.parent.mkdir(parents=True, exist_ok=True)
             if not self._file.exists():
                 return True
-            self._rows |= {row.key: row for row in _read_rows(self._file)}
-            return _is_whole(self._file)
+            is_whole = True
+            for number, line in records.read_lines(self._file, refused=OutputError):
+                if number == 1 and not _START.startswith(line[: len(_START)]):
+                    raise OutputError(
+                        f"'{self._file}' holds no rows of a sweep; choose another output folder, "
+                        "or remove it"
+                    )
+                # One that was cut off or damaged is left out, to be made again.
+                with contextlib.suppress(msgspec.DecodeError, RecursionError, UnicodeDecodeError):
+                    row = _decode(line)
+                    self._rows[row.key] = row
+                is_whole = line.endswith(b"\n")
+            return is_whole
         except OSError as error:
             raise OutputError(
                 f"cannot use sweep folder '{self._file.parent}': {error.strerror}"
@@ -125,35 +135,14 @@ class Records:
 
 
 def _line(row: Row) -> str:
-    scores = without_nan(row.scores)
-    return json.dumps(
-        {"key": row.key, "scene": row.scene, "setting": row.setting, "scores": scores},
-        separators=(",", ":"),
-    )
+    content = {**vars(row), "scores": without_nan(row.scores)}
+    return json.dumps(content, separators=(",", ":"))
 
 
-def _read_rows(path: Path) -> Iterator[Row]:
-    """Rows of a file; lines that were cut off or damaged are left out, to be made again."""
-    start = b""
-    for number, line in records.read_lines(path, refused=OutputError):
-        start = line[: len(_START)] if number == 1 else start
-        if not _START.startswith(start):
-            raise OutputError(
-                f"'{path}' holds no rows of a sweep; choose another output folder, or remove it"
-            )
-        with contextlib.suppress(msgspec.DecodeError, RecursionError, UnicodeDecodeError):
-            filed = _DECODER.decode(line)
-            scores = {
-                name: math.nan if score is None else score
-                for name, score in msgspec.structs.asdict(filed.scores).items()
-            }
-            yield Row(filed.key, filed.scene, filed.setting, scores)
-
-
-def _is_whole(path: Path) -> bool:
-    """Whether the last line of a file was written to its end."""
-    with path.open("rb") as file:
-        if not file.seek(0, os.SEEK_END):
-            return True
-        file.seek(-1, os.SEEK_END)
-        return file.read(1) == b"\n"
+def _decode(line: bytes) -> Row:
+    filed = _DECODER.decode(line)
+    scores = {
+        name: math.nan if score is None else score
+        for name, score in msgspec.structs.asdict(filed.scores).items()
+    }
+    return Row(filed.key, filed.scene, filed.setting, scores)

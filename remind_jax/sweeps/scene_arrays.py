@@ -43,14 +43,6 @@ _log = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
-class Truth:
-    """Which true object each detection shows."""
-
-    object_index: Int[np.ndarray, "T N"]  # 0, 1, ...; -1 where there is none
-    num_objects: int
-
-
-@dataclasses.dataclass(frozen=True)
 class StackedScene:
     """A scene as arrays of fixed shapes, for `jax.lax.scan` over the frames of any method.
 
@@ -77,7 +69,8 @@ class SceneFrames:
     feats: list[AnyFeats]
     masks: list[Masks]  # one slot per detection
     observed: list[Any]  # what the method observed beside them
-    truth: Truth
+    object_index: Int[np.ndarray, "T N"]  # true object of each detection: 0, 1, ...; -1 for none
+    num_objects: int  # true ones
     config: Config  # what a setting does not name, with the profile of what features come from
 
     @property
@@ -102,7 +95,7 @@ class SceneFrames:
         in_turn = get_method(self.config.tracker).sweeping.in_turn_on_cpu
         needed = {
             "num_detections": most,
-            "num_objects": self.truth.num_objects * (3 if in_turn else 2) // 2 + most,
+            "num_objects": self.num_objects * (3 if in_turn else 2) // 2 + most,
             "num_pending": most,
         }
         return {name: _round_up(max(1, count)) for name, count in needed.items()}
@@ -113,7 +106,7 @@ class SceneFrames:
         digest = hashlib.sha256()
         for leaf in jax.tree.leaves((self.feats, self.masks, self.observed)):
             digest.update(np.ascontiguousarray(leaf).data)
-        digest.update(np.ascontiguousarray(self.truth.object_index).data)
+        digest.update(np.ascontiguousarray(self.object_index).data)
         return digest.hexdigest()
 
 
@@ -139,18 +132,15 @@ def load_scene(
     Raises:
       SourceError: If the source is empty, or does not say which objects its masks show.
     """
-    reader = Tracker(config.updated({"thresholds": nest(reduced_with or {})}), backbone)
-    feats, masks, observed, instances, brings_features = _read(source, reader)
-    if not brings_features:
-        config = config.for_backbone(*backbone.identity)
+    feats, masks, observed, instances, config = _read(source, config, backbone, reduced_with or {})
     found = sorted({int(i) for ids in instances for i in ids} - {NO_INSTANCE})
     if not found:
         raise SourceError(
             f"'{source.name}' holds no mask of a known object; a sweep is scored against masks "
             "that say which object they show"
         )
-    truth = _truth(instances, found)
-    return SceneFrames(source.name, feats, masks, observed, truth, config)
+    index = _index_objects(instances, found)
+    return SceneFrames(source.name, feats, masks, observed, index, len(found), config)
 
 
 def stack_scene(
@@ -188,11 +178,7 @@ def stack_scene(
         check_option("num_objects", num_objects, 1, MOST_OBJECTS)
     check_options(source_options, stack_scene)
     source = open_source(source, **source_options)
-    config = load_config(config)
-    backbone = open_backbone(backbone)
-    feats, masks, observed, *_, brings_features = _read(source, Tracker(config, backbone))
-    if not brings_features:
-        config = config.for_backbone(*backbone.identity)
+    feats, masks, observed, _, config = _read(source, load_config(config), open_backbone(backbone))
     static = dataclasses.replace(
         config.static,
         num_detections=max(1, *(len(one.valid) for one in masks)),
@@ -208,12 +194,13 @@ def stack_scene(
 
 
 def _read(
-    source: Source, reader: Tracker
-) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], bool]:
+    source: Source, config: Config, backbone: Backbone, reduced_with: Mapping[str, float] = {}
+) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], Config]:
     """Of all frames features, masks, what is observed, and instances.
 
-    Last, whether it brings features.
+    Last, the configuration, with the profile of the backbone unless the source brings features.
     """
+    reader = Tracker(config.updated({"thresholds": nest(reduced_with)}), backbone)
     feats, masks, observed, instances = [], [], [], []
     brings_features = False
     # One waits at most, whatever its size.
@@ -246,7 +233,9 @@ def _read(
             f"not one feature of '{source.name}' is a finite number; give another backbone, or its "
             "features in float32"
         )
-    return feats, masks, observed, instances, brings_features
+    if not brings_features:
+        config = config.for_backbone(*backbone.identity)
+    return feats, masks, observed, instances, config
 
 
 def _with_masks(frame: Frame) -> Frame:
@@ -257,13 +246,13 @@ def _with_masks(frame: Frame) -> Frame:
     return frame
 
 
-def _truth(instances: list[np.ndarray], found: list[int]) -> Truth:
+def _index_objects(instances: list[np.ndarray], found: list[int]) -> Int[np.ndarray, "T N"]:
     number = {instance: index for index, instance in enumerate(found)}
     shape = (len(instances), max(len(ids) for ids in instances))
     index = np.full(shape, NONE, np.int32)
     for frame, ids in enumerate(instances):
         index[frame, : len(ids)] = [number.get(int(instance), NONE) for instance in ids]
-    return Truth(index, len(found))
+    return index
 
 
 def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from remind_jax.errors import SweepError, nearest_names
 from remind_jax.sweeps.result import SweepResult, sign_of
-from remind_jax.sweeps.settings import Setting, Value
+from remind_jax.sweeps.settings import Setting, Value, is_range
 
 if TYPE_CHECKING:
     import optuna
@@ -58,32 +58,29 @@ def search(
         )
     space = bench.complete_space(space)
     study = _open_study(space, sampler, objectives, at_once, seed)
-    found: list[SweepResult] = []
+    results: list[SweepResult] = []
     tried = 0
     while tried < number:
         trials = [study.ask() for _ in range(min(at_once, number - tried))]
-        settings = [_propose(trial, space) for trial in trials]
+        settings: list[Setting] = [
+            {name: _suggest(trial, name, values) for name, values in space.items()}
+            for trial in trials
+        ]
         result = bench.run([GIVEN, *settings] if not tried else settings)
+        results.append(result)
         if not result.complete:
-            return join([*found, result], complete=False)
+            break
         standings = result.standings()[-len(trials) :]
         for trial, standing in zip(trials, standings, strict=True):
             _tell(study, trial, [standing.scores[name] for name in objectives])
-        found.append(result)
         tried += len(trials)
-    return join(found)
-
-
-def join(results: Iterable[SweepResult], complete: bool | None = None) -> SweepResult:
-    """The rows of several sweeps over the same scenes, in one."""
-    results = list(results)
     return SweepResult(
         settings=tuple(setting for result in results for setting in result.settings),
         scenes=results[0].scenes,
         rows=tuple(rows for result in results for rows in result.rows),
         batch=max(result.batch for result in results),
         program_bytes=max(result.program_bytes for result in results),
-        complete=all(result.complete for result in results) if complete is None else complete,
+        complete=all(result.complete for result in results),
     )
 
 
@@ -128,12 +125,8 @@ def _make_sampler(name: SamplerName, at_once: int, seed: int) -> Any:
     raise SweepError(f"there is no sampler {name!r}; {nearest_names(name, ('tpe', 'nsga2'))}")
 
 
-def _propose(trial: optuna.Trial, space: Space) -> Setting:
-    return {name: _suggest(trial, name, values) for name, values in space.items()}
-
-
 def _suggest(trial: optuna.Trial, name: str, values: Sequence[Value]) -> Value:
-    if len(values) != 2 or isinstance(values[0], bool):
+    if not is_range(values):
         return trial.suggest_categorical(name, list(values))
     low, high = values
     if isinstance(low, int) and isinstance(high, int):

@@ -14,7 +14,7 @@ from remind_jax.method import PAPER_METHOD
 from remind_jax.settings.ranges import check_option
 from remind_jax.sweeps.result import SweepResult, markdown_table, sign_of
 from remind_jax.sweeps.search import GIVEN, Space
-from remind_jax.sweeps.settings import MAX_SETTINGS, Setting, Value
+from remind_jax.sweeps.settings import MAX_SETTINGS, Setting, Value, is_range
 
 if TYPE_CHECKING:
     from remind_jax.sweeps.bench import SceneBench
@@ -105,8 +105,12 @@ def move_one_at_a_time(
       SweepError: If there is no such score, or no space for the tracker.
     """
     check_option("number", number, 2, MAX_SETTINGS)
-    space = space or space_of(bench.tracker)
-    space = bench.complete_space(space)
+    if not space and bench.tracker not in SPACES:
+        raise SweepError(
+            f"there are no usual ranges for thresholds of '{bench.tracker}'; give some with "
+            "--set KEY=LOWEST,HIGHEST"
+        )
+    space = bench.complete_space(space or SPACES[bench.tracker])
     values = {name: spread(ends, number) for name, ends in space.items()}
     settings: list[Setting] = [{name: v} for name, several in values.items() for v in several]
     result = bench.run([GIVEN, *settings])
@@ -122,23 +126,9 @@ def move_one_at_a_time(
     return sorted(curves, key=lambda curve: -np.nan_to_num(curve.span)), result
 
 
-def space_of(tracker: str) -> Space:
-    """The ranges in which thresholds of a tracker are usually varied.
-
-    Raises:
-      SweepError: If there are none for this tracker.
-    """
-    if tracker not in SPACES:
-        raise SweepError(
-            f"there are no usual ranges for thresholds of '{tracker}'; give some with "
-            "--set KEY=LOWEST,HIGHEST"
-        )
-    return SPACES[tracker]
-
-
 def spread(values: Sequence[Value], number: int) -> list[Value]:
     """So many values of a range, evenly, ends included; choices as they are."""
-    if len(values) != 2 or isinstance(values[0], bool):
+    if not is_range(values):
         return list(values)
     low, high = values
     steps = np.linspace(low, high, number)

@@ -99,7 +99,7 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
     if not 0 < number <= MAX_SETTINGS:
         raise ConfigError(f"{number} settings cannot be drawn; give 1 to {MAX_SETTINGS}")
     for name, values in space.items():
-        if not len(values) or (_is_range(values) and values[0] > values[1]):
+        if not len(values) or (is_range(values) and values[0] > values[1]):
             raise ConfigError(
                 f"there is nothing to draw for {name} from {list(values)}; give its least and its "
                 "largest value, or three or more to choose from"
@@ -107,7 +107,7 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
     random = np.random.default_rng(seed)
 
     def one(values: Sequence[Value]) -> Value:
-        if not _is_range(values):
+        if not is_range(values):
             return values[int(random.integers(len(values)))]
         low, high = values
         if isinstance(low, numbers.Integral) and isinstance(high, numbers.Integral):
@@ -123,7 +123,7 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
     return list(drawn.values())
 
 
-def _is_range(values: Sequence[Value]) -> bool:
+def is_range(values: Sequence[Value]) -> bool:
     """Whether two values are the ends of a range; true and false are two to choose from."""
     return len(values) == 2 and not isinstance(values[0], bool)
 

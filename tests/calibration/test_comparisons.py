@@ -15,6 +15,7 @@ from remind_jax.calibration.comparisons import (
     compare_ends,
     compare_views,
 )
+from remind_jax.calibration.estimate import join
 
 
 def sightings(tracks: list[tuple[int, int, range]]) -> Sightings:
@@ -95,6 +96,6 @@ def test_parts_close_to_a_stronger_one_are_dropped():
 
 
 def test_views_of_frames_one_after_the_other():
-    joined = Views.join([views(), views()])
-    assert len(joined) == 6
+    joined = join([views(), views()])
+    assert len(joined.parts) == 6
     assert joined.num_bytes == 2 * views().num_bytes

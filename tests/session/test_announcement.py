@@ -50,7 +50,7 @@ def follow(
     frames: list[Tracks], after: int, start: Announcements | None = None
 ) -> tuple[list[Tracks], Announcements]:
     """The answers about each frame at once, and what is announced in the end."""
-    announced = Announcements.none() if start is None else start
+    announced = Announcements.all_below(0) if start is None else start
     answers = []
     for tracks in frames:
         announced = announce(announced, tracks, after)
@@ -111,13 +111,13 @@ def test_candidates_speak_of_announced_objects_only():
         Outcome.PROVISIONAL_NEW,
     ]
     assert after.pending_id.tolist() == [-1, 2, 2, 2, 2]
-    waiting = as_announced(Announcements.none(), frame_of(near))
+    waiting = as_announced(Announcements.all_below(0), frame_of(near))
     assert waiting.candidate_id.tolist() == [[-1, -1, -1]]
 
 
 def test_detections_of_objects_that_turn_out_to_be_one_add_up():
     frames = [frame_of(1), frame_of(2), frame_of(1)]
-    announced = Announcements.none()
+    announced = Announcements.all_below(0)
     for tracks, merges in zip(frames, ([], [], [(2, 1)]), strict=True):
         announced = announce(announced, tracks, 3, merges)
     assert ids([as_announced(announced, tracks) for tracks in frames]) == [[0], [0], [0]]
@@ -137,7 +137,7 @@ def test_an_announced_id_stays_when_its_object_turns_out_to_be_one_never_announc
 
 def test_no_id_is_given_to_two_objects_of_a_frame():
     both = frame_of(1, 2)
-    announced = Announcements.none()
+    announced = Announcements.all_below(0)
     for tracks, merges in ((both, []), (frame_of(2), []), (frame_of(1), [(2, 1)])):
         announced = announce(announced, tracks, 2, merges)
     answers = as_announced(announced, both)

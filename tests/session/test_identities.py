@@ -108,7 +108,7 @@ def test_what_was_never_announced_becomes_another_in_silence():
     assert answers.object_id.tolist() == [0]
 
 
-def restored(announce_after: int, announced: Announcements | None) -> Identities:
+def restored(announce_after: int, announced: Announcements) -> Identities:
     """Those of a memory whose next object is number 6."""
     tracker = rj.Tracker({"tracker": "iou", "static": STATIC})
     tracker.update(*scenes.picture(0, (1, 2)))
@@ -119,8 +119,8 @@ def restored(announce_after: int, announced: Announcements | None) -> Identities
 
 
 def test_objects_of_a_memory_are_known_and_its_next_frame_begins_a_session():
-    assert restored(1, None).announcements.is_identity
-    late = restored(3, None)
+    assert restored(1, Announcements()).announcements.is_identity
+    late = restored(3, Announcements())
     assert late.announcements == Announcements.all_below(6)
     known = Announcements(0, {9: 0}, next_id=1)
     assert restored(3, known).announcements is known
@@ -129,7 +129,7 @@ def test_objects_of_a_memory_are_known_and_its_next_frame_begins_a_session():
 
 
 def test_a_run_that_goes_on_stays_in_its_session():
-    told = restored(1, None)
+    told = restored(1, Announcements())
     told.resume({9: 4})
     told.add(frame_of(7, 4), [], None, never)
     assert told.records.objects()[0].first == Sight(1, 7)
@@ -166,4 +166,4 @@ def test_a_tracker_that_is_reset_knows_nobody():
     tracker.reset()
     assert tracker.identities.decided is None
     assert tracker.identities.records.num_records == 0
-    assert tracker.identities.announcements == Announcements.none()
+    assert tracker.identities.announcements == Announcements.all_below(0)

@@ -78,7 +78,7 @@ def test_round_trip_is_exact(path, memory):
     assert loaded.static == memory.static
     assert hash(loaded.static) == hash(memory.static)
     assert (loaded.class_names, loaded.backbone) == (NAMES, "patch-statistics")
-    assert loaded.announced is None
+    assert loaded.announced.is_identity
 
 
 def test_what_lies_in_parts_in_memory_is_saved_as_it_is(tmp_path, memory):

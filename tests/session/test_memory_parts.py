@@ -11,6 +11,7 @@ import pytest
 from remind_jax import files
 from remind_jax.errors import OutputError
 from remind_jax.plus.recall import ObjectsAtRest
+from remind_jax.session.announcement import Announcements
 from remind_jax.session.filed_records import to_file
 from remind_jax.session.memory_file import MemoryFile, SavedMemory, load_memory, save_memory
 from remind_jax.session.object_records import ObjectRecords
@@ -51,8 +52,8 @@ class Life:
     @property
     def memory(self) -> SavedMemory:
         return SavedMemory(
-            self.state, STATIC, ("cup", "mug", "pot"), "none", "plus", None, self.records,
-            self.at_rest,
+            self.state, STATIC, ("cup", "mug", "pot"), "none", "plus",
+            Announcements(), self.records, self.at_rest,
         )  # fmt: skip
 
 

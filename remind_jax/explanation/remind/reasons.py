@@ -57,7 +57,7 @@ def give_reasons(e: RemindExplanation, options: Sequence[Option], t: Thresholds)
         return ("Its mask is empty or has no finite feature, so it was left out.",)
     texts = [
         *_explain_looks(e, t),
-        *_explain_context(e, t),
+        *_explain_context(e),
         *_explain_assignment(e, t),
         *_explain_guard(e),
         *_explain_doubts(e, options, t),
@@ -90,7 +90,7 @@ def _explain_looks(e: RemindExplanation, t: Thresholds) -> Iterator[str]:
         )
 
 
-def _explain_context(e: RemindExplanation, t: Thresholds) -> Iterator[str]:
+def _explain_context(e: RemindExplanation) -> Iterator[str]:
     """What the surroundings add, take or rule out (method.md#cooccurrence-bonus)."""
     if not e.candidates:
         return
