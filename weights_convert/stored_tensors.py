@@ -115,8 +115,8 @@ def _open_safetensors(path: Path) -> dict[str, StoredTensor]:
     with reading(path, WeightsError):
         file = safe_open(path, framework="np")
     return {
-        name: StoredTensor(tensor.shape, functools.partial(_read, file, name, path))
-        for name, tensor in header.tensors.items()
+        name: StoredTensor(shape, functools.partial(_read, file, name, path))
+        for name, shape in header.shapes.items()
     }
 
 
