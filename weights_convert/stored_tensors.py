@@ -53,8 +53,7 @@ class WeightSource:
         digest = hashlib.sha256()
         for file in self.files:
             with file.open("rb") as stream:
-                while block := stream.read(1 << 22):
-                    digest.update(block)
+                hashlib.file_digest(stream, lambda: digest)
         return digest.hexdigest()
 
 
