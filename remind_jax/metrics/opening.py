@@ -33,6 +33,7 @@ from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
 from remind_jax.metrics.run_folder import holds_run, read_run_rows
 from remind_jax.sources.class_names import UNNAMED, ClassNames, find_metadata
 from remind_jax.sources.davis import metadata_files
+from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import require_classes
 
 Format = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "cvat", "run"]
@@ -172,8 +173,7 @@ def find_classes(folder: Path, name: str) -> ClassNames | None:
 
 def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
     file = str(path)
-    with files.reading(path):
-        content = read_data_set(files.read_bytes(path), file)
+    content = read_data_set(read_bytes(path), file)
     if content.videos or truth is None:
         index = index_videos(content, file)
     else:
@@ -199,5 +199,4 @@ def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
 
 def is_blank(path: Path) -> bool:
     """Whether a text file holds nothing. Raises SourceError if it cannot be read."""
-    with files.reading(path):
-        return not files.read_bytes(path).strip()
+    return not read_bytes(path).strip()
