@@ -53,8 +53,7 @@ class WeightSource:
         digest = hashlib.sha256()
         for file in self.files:
             with file.open("rb") as stream:
-                while block := stream.read(1 << 22):
-                    digest.update(block)
+                hashlib.file_digest(stream, lambda: digest)
         return digest.hexdigest()
 
 
@@ -115,8 +114,8 @@ def _open_safetensors(path: Path) -> dict[str, StoredTensor]:
     with reading(path, WeightsError):
         file = safe_open(path, framework="np")
     return {
-        name: StoredTensor(tensor.shape, functools.partial(_read, file, name, path))
-        for name, tensor in header.tensors.items()
+        name: StoredTensor(shape, functools.partial(_read, file, name, path))
+        for name, shape in header.shapes.items()
     }
 
 

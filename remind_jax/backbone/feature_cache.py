@@ -1,11 +1,7 @@
-"""Patch features on disk: one file per image, named by a hash of image, backbone and fingerprint.
-
-A digest of name and content follows the array, so that a damaged file is found and made anew.
-"""
+"""Patch features on disk: a file per image, named by a hash of image, backbone and fingerprint."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
 import io
@@ -18,9 +14,8 @@ from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.registry import Backbone
 from remind_jax.errors import OutputError
-from remind_jax.files import as_path, make_folder, read_bytes, replace_file, user_cache_folder
-
-_DIGEST_BYTES = 32
+from remind_jax.files import as_path, make_folder, user_cache_folder
+from remind_jax.files.sealed import read_sealed, write_sealed
 
 
 def default_folder() -> Path:
@@ -49,8 +44,7 @@ def cache_features(backbone: Backbone, folder: str | Path) -> Backbone:
         for i in missing:
             # One by one: another program would be compiled for every number of them.
             new = np.asarray(backbone.extract(images[i : i + 1]), np.float32)[0]
-            make_folder(places[i].parent)
-            replace_file(places[i], _as_file(places[i], new))
+            _save(places[i], new)
             features[i] = new
         return jnp.stack([jnp.asarray(one) for one in features])
 
@@ -68,28 +62,16 @@ def place_of(image: UInt8[np.ndarray, "H W 3"], backbone: Backbone) -> Path:
 
 
 def _load(file: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "Hp Wp D"] | None:
-    """Features of a file; None if it is missing or damaged, for then it can be made again."""
-    with contextlib.suppress(OSError, ValueError, EOFError):
-        content = read_bytes(file)
-        array, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
-        if digest == _digest(file, array):
-            features = np.load(io.BytesIO(array), allow_pickle=False)
-            if features.shape == shape and features.dtype == np.float32:
-                return features
-    if file.is_dir():
-        with contextlib.suppress(OSError):
-            file.rmdir()  # one with something in it stays
-    return None
+    """Features of a file; None if it holds none of this shape, for then they can be made again."""
+    content = read_sealed(file)
+    if content is None:
+        return None
+    features = np.load(io.BytesIO(content), allow_pickle=False)
+    return features if features.shape == shape else None
 
 
-def _as_file(file: Path, features: Float[np.ndarray, "Hp Wp D"]) -> bytes:
+def _save(file: Path, features: Float[np.ndarray, "Hp Wp D"]) -> None:
     content = io.BytesIO()
     np.save(content, features)
-    array = content.getvalue()
-    return array + _digest(file, array)
-
-
-def _digest(file: Path, array: bytes) -> bytes:
-    """Features under the name of others are none."""
-    name = f"{file.parent.name}/{file.name}"
-    return hashlib.sha256(name.encode() + b"\0" + array).digest()
+    make_folder(file.parent)
+    write_sealed(file, content.getvalue())

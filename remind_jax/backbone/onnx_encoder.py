@@ -16,6 +16,7 @@ from jaxtyping import Float, UInt8
 from remind_jax.backbone.registry import Backbone
 from remind_jax.detectors.onnx_model import MEAN, STD, OnnxModel, image_input
 from remind_jax.errors import ConfigError, WeightsError
+from remind_jax.masks.letterbox import Letterbox
 
 # Divisible by all common patches: 7, 8, 14, 16, 28 and 32 pixels.
 _PROBE = (224, 448)
@@ -104,7 +105,7 @@ def onnx_encoder(
         images = np.asarray(images)
         if fixed_size in (None, images.shape[1:3]):
             return jnp.asarray(np.stack([see(image) for image in images]))
-        inside = _fit_inside(images.shape[1:3], fixed_size)
+        inside = Letterbox.fit(images.shape[1:3], fixed_size).scaled_size
         tokens = np.stack([see(_scaled(image, inside, patch_px)) for image in images])
         return _to_frame(tokens, images.shape[1:3], inside, patch_px)
 
@@ -153,13 +154,6 @@ def _find_patches(
             f"outputs of '{path}' have patches of several sizes, {listed}; name such of one size"
         )
     return found
-
-
-def _fit_inside(size: tuple[int, int], whole: tuple[int, int]) -> tuple[int, int]:
-    """The largest height and width of a frame's aspect that fit into the input."""
-    ratio = min(part / side for part, side in zip(whole, size, strict=True))
-    height, width = (max(1, round(side * ratio)) for side in size)
-    return min(height, whole[0]), min(width, whole[1])
 
 
 def _scaled(

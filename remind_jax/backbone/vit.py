@@ -65,10 +65,8 @@ class Numerics:
 
 @pytree
 class Tokens:
-    """What a transformer says about images, after its final norm."""
+    """What a transformer says about patches, after its final norm."""
 
-    cls: Float[Array, "B D"]
-    registers: Float[Array, "B R D"]
     patches: Float[Array, "B Hp Wp D"]
     object_attention: ObjectAttention | None  # where object patches were given
 
@@ -244,7 +242,8 @@ class VisionTransformer(nn.Module):
             (stream, seen), _ = run_blocks((stream, seen), rotation, objects)
         if seen is not None:
             seen = jax.tree.map(lambda total: total / v.depth, seen)
-        return self._read(stream, grid, seen)
+        patches = _norm(v, "norm")(stream[:, v.num_prefix :])
+        return Tokens(patches.reshape(len(patches), *grid, v.width), seen)
 
     def _stacks(self) -> list[tuple[str, int, Numerics]]:
         """Name, number and numerics of the blocks that are scanned together."""
@@ -277,25 +276,6 @@ class VisionTransformer(nn.Module):
             prefix.append(self.param("registers", nn.initializers.normal(0.02), shape))
         prefix = jnp.broadcast_to(jnp.concatenate(prefix), (num_images, v.num_prefix, v.width))
         return jnp.concatenate([prefix, patches], axis=1), (rows, columns)
-
-    def _read(
-        self,
-        stream: Float[Array, "B N D"],
-        grid: tuple[int, int],
-        seen: ObjectAttention | None,
-    ) -> Tokens:
-        """Takes the tokens apart after the final norm."""
-        v = self.variant
-        prefix, patches = stream[:, : v.num_prefix], stream[:, v.num_prefix :]
-        norm = _norm(v, "norm")
-        prefix = (_norm(v, "cls_norm") if v.cls_norm else norm)(prefix)
-        patches = norm(patches)
-        return Tokens(
-            cls=prefix[:, 0],
-            registers=prefix[:, 1:],
-            patches=patches.reshape(len(patches), *grid, v.width),
-            object_attention=seen,
-        )
 
 
 def encode(

@@ -137,10 +137,10 @@ def load_weights(path: str | Path, expected: str | None = None) -> Weights:
     said = read_safetensors_header(path, refused=WeightsError)
     header = said.metadata
     variant = _variant_in(header, path, expected)
-    _check_leaves({name: t.shape for name, t in said.tensors.items()}, variant, path)
+    _check_leaves(said.shapes, variant, path)
     _check_bytes(path, header)
     with reading(path, WeightsError), safe_open(path, framework="np") as file:
-        params = _gather(file, list(said.tensors), DTYPES[header["dtype"]], path)
+        params = _gather(file, list(said.shapes), DTYPES[header["dtype"]], path)
     return Weights(variant, params, header["data_sha256"])
 
 
@@ -215,25 +215,19 @@ def _check_bytes(path: Path, header: Mapping[str, str]) -> None:
 
 def _gather(file: Any, names: list[str], dtype: np.dtype, path: Path) -> dict[str, Any]:
     """Leaves as a tree, those of all blocks stacked."""
-    tree: dict[str, Any] = {}
+    from flax.traverse_util import unflatten_dict
+
+    leaves: dict[str, np.ndarray] = {}
     depth = 1 + max(int(n.split(".")[1]) for n in names if n.startswith(_STACKED))
     for name in sorted(names):
         leaf = file.get_tensor(name)
         if leaf.dtype != dtype and name != "periods":
             raise WeightsError(f"'{name}' in '{path}' is {leaf.dtype}, the header says {dtype}")
-        parts = name.split(".")
-        if parts[0] != "blocks":
-            _place(tree, parts)[parts[-1]] = leaf
+        if not name.startswith(_STACKED):
+            leaves[name] = leaf
             continue
-        places = ["blocks", *parts[2:]]
-        node = _place(tree, places)
-        if parts[-1] not in node:
-            node[parts[-1]] = np.empty((depth, *leaf.shape), leaf.dtype)
-        node[parts[-1]][int(parts[1])] = leaf
-    return tree
-
-
-def _place(tree: dict[str, Any], parts: list[str]) -> dict[str, Any]:
-    for part in parts[:-1]:
-        tree = tree.setdefault(part, {})
-    return tree
+        _, block, own = name.split(".", 2)
+        if (key := _STACKED + own) not in leaves:
+            leaves[key] = np.empty((depth, *leaf.shape), leaf.dtype)
+        leaves[key][int(block)] = leaf
+    return unflatten_dict(leaves, sep=".")

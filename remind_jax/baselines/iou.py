@@ -22,6 +22,7 @@ from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import AnyFeats, Masks, without_coverage
+from remind_jax.plus.plane import overlap_of
 from remind_jax.settings.kinds import Real, Whole
 from remind_jax.settings.record import setting
 from remind_jax.solvers.assignment import assign
@@ -63,7 +64,7 @@ def decide(
     """Maximizes the summed overlap with the last boxes, class by class; the rest is new."""
     state = _forget(state, thresholds)
     boxes = jnp.asarray(masks.box, jnp.float32)
-    score = scene_memory.box_iou(boxes, state.looks.box)
+    score = overlap_of(boxes, state.looks.box)
     allowed = scene_memory.same_class(state, masks) & (score >= thresholds.min_iou)
     # Any overlap that is allowed is better than none.
     nothing = jnp.zeros(len(masks.valid), jnp.float32)

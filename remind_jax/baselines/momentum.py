@@ -22,6 +22,7 @@ from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import Masks
+from remind_jax.plus.plane import overlap_of
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
 from remind_jax.static import Static
@@ -100,7 +101,7 @@ def _find_distractors(
     masks: Masks, detector_score: Float[Array, "N"], t: MomentumThresholds
 ) -> Bool[Array, "N"]:
     """Weak detections that overlap a stronger one of any class."""
-    iou = scene_memory.box_iou(jnp.asarray(masks.box), jnp.asarray(masks.box))
+    iou = overlap_of(jnp.asarray(masks.box), jnp.asarray(masks.box))
     position = jnp.arange(len(detector_score))
     is_stronger = detector_score[None] > detector_score[:, None]
     is_stronger |= (detector_score[None] == detector_score[:, None]) & (

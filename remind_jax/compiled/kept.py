@@ -24,12 +24,12 @@ import jax.numpy as jnp
 from jax.experimental import serialize_executable
 
 from remind_jax.errors import OutputError, first_line
-from remind_jax.files import read_bytes, replace_file, user_cache_folder
+from remind_jax.files import user_cache_folder
+from remind_jax.files.sealed import read_sealed, remove_sealed, write_sealed
 
 VARIABLE = "REMIND_PROGRAMS"
 OFF = "off"
 _MOST_BYTES = 1 << 30  # of one folder; files that were not used for longest are removed
-_DIGEST_BYTES = 32  # at the start of a file, of its name and all that follows
 
 _log = logging.getLogger(__name__)
 _warned: set[Path] = set()  # folders of which it was said that their programs are not accepted
@@ -50,16 +50,11 @@ def load(file: Path) -> tuple[jax.stages.Compiled, tuple[jax.ShapeDtypeStruct, .
     What is damaged, or of another name, is removed before the library sees it. So is what the
     library does not accept, which is reported once.
     """
-    try:
-        data = read_bytes(file, _MOST_BYTES)
-    except OSError:
-        _remove(file)
-        return None
-    if _digest(file, data[_DIGEST_BYTES:]) != data[:_DIGEST_BYTES]:
-        _remove(file)
+    content = read_sealed(file, _MOST_BYTES)
+    if content is None:
         return None
     try:
-        header, payload = data[_DIGEST_BYTES:].split(b"\n", 1)
+        header, payload = content.split(b"\n", 1)
         head = json.loads(header)
         outputs = tuple(jax.ShapeDtypeStruct(tuple(s), d) for s, d in head["outputs"])
         in_tree = jax.tree.structure((tuple(range(head["num_arguments"])), {}))
@@ -74,7 +69,7 @@ def load(file: Path) -> tuple[jax.stages.Compiled, tuple[jax.ShapeDtypeStruct, .
         )
     except Exception as error:  # whatever the library says to a program of another kind
         _tell_rejected(file.parent, first_line(error))
-        _remove(file)
+        remove_sealed(file)
         return None
     with contextlib.suppress(OSError):
         os.utime(file)
@@ -98,25 +93,10 @@ def save(file: Path, compiled: Any, outputs: tuple[jax.ShapeDtypeStruct, ...]) -
         "num_arguments": in_tree.num_leaves,
         "outputs": [(one.shape, str(one.dtype)) for one in outputs],
     }
-    body = json.dumps(head).encode() + b"\n" + payload
     with contextlib.suppress(OSError, OutputError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(file, _digest(file, body) + body)
+        write_sealed(file, json.dumps(head).encode() + b"\n" + payload)
         _remove_oldest(file.parent)
-
-
-def _digest(file: Path, body: bytes) -> bytes:
-    """A program under the name of another one is none."""
-    return hashlib.sha256(file.name.encode() + b"\0" + body).digest()
-
-
-def _remove(file: Path) -> None:
-    """Removes what stands where a program should; a folder with something in it stays."""
-    with contextlib.suppress(OSError):
-        if file.is_dir() and not file.is_symlink():
-            file.rmdir()
-        else:
-            file.unlink(missing_ok=True)
 
 
 def _remove_oldest(folder: Path) -> None:

@@ -27,19 +27,11 @@ _Offset = Annotated[int, msgspec.Meta(ge=0, le=limits.MAX_TENSOR_BYTES)]
 
 
 @dataclasses.dataclass(frozen=True)
-class TensorEntry:
-    """What a header says of one tensor."""
-
-    dtype: str  # as safetensors names it: "F32"
-    shape: tuple[int, ...]
-
-
-@dataclasses.dataclass(frozen=True)
 class SafetensorsHeader:
     """What a safetensors file says of itself; its library has checked it against its size."""
 
     metadata: dict[str, str]
-    tensors: dict[str, TensorEntry]
+    shapes: dict[str, tuple[int, ...]]  # of its tensors
 
 
 def read_safetensors_header(path: str | Path, *, refused: Family) -> SafetensorsHeader:
@@ -55,12 +47,9 @@ def read_safetensors_header(path: str | Path, *, refused: Family) -> Safetensors
         check_regular(path)
         check_size(path, limits.MAX_TENSOR_BYTES)
         with safe_open(str(path), "np") as file:
-            slices = {name: file.get_slice(name) for name in file.keys()}  # noqa: SIM118
-            tensors = {
-                name: TensorEntry(part.get_dtype(), tuple(part.get_shape()))
-                for name, part in slices.items()
-            }
-            return SafetensorsHeader(dict(file.metadata() or {}), tensors)
+            names = file.keys()
+            shapes = {name: tuple(file.get_slice(name).get_shape()) for name in names}
+            return SafetensorsHeader(dict(file.metadata() or {}), shapes)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,22 +116,17 @@ def _header_at(data: bytes, start: int) -> tuple[bytes, int]:
     return header, first + len(header) + last
 
 
-def read_npz(
-    path: str | Path, *, refused: Family, max_bytes: int = limits.MAX_NPZ_BYTES
-) -> dict[str, np.ndarray]:
+def read_npz(path: str | Path, *, refused: Family) -> dict[str, np.ndarray]:
     """Reads arrays of an NPZ file; their sizes are compared before any is decompressed.
-
-    Args:
-      max_bytes: Of the arrays together in memory, or `MAX_NPZ_RATIO` times the size of the file.
 
     Raises:
       RemindError: Of kind `refused`, if the file cannot be read, is no NPZ file, is damaged, holds
-        Python objects, or more than `max_bytes`.
+        Python objects, or more than `MAX_NPZ_BYTES` and `MAX_NPZ_RATIO` times its own size.
     """
     arrays: dict[str, np.ndarray] = {}
     with reading(path, refused):
         check_regular(path)
-        max_bytes = max(max_bytes, limits.MAX_NPZ_RATIO * Path(path).stat().st_size)
+        max_bytes = max(limits.MAX_NPZ_BYTES, limits.MAX_NPZ_RATIO * Path(path).stat().st_size)
         with zipfile.ZipFile(path) as archive:
             infos = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             if len(archive.infolist()) > min(limits.MAX_MEMBERS, len(infos)):

@@ -16,7 +16,7 @@ from remind_jax import files
 from remind_jax.decision import NO_ID
 from remind_jax.errors import OutputError, SourceError, UnreadableFrame
 from remind_jax.formats.firm import firm_rows, masks_without_overlap
-from remind_jax.formats.pictures import VOID, read_label_map
+from remind_jax.formats.pictures import VOID, natural_key, read_label_map
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of
 from remind_jax.masks.run_length import decode_mask, encode_label_map
 from remind_jax.printing.terminal import printable
@@ -46,14 +46,15 @@ def find_map_scenes(path: Path) -> dict[str, Path]:
 
 
 def list_maps(folder: Path) -> list[Path]:
-    """The PNG files of a folder, by name."""
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() == ".png")
+    """The PNG files of a folder, in natural order of their names."""
+    maps = [path for path in folder.iterdir() if path.suffix.lower() == ".png"]
+    return sorted(maps, key=lambda path: (natural_key(path.name), path.name))
 
 
 def read_instance_maps(
     folder: Path, name: str, *, is_truth: bool, void: int | None = VOID
 ) -> TrackRows:
-    """Reads one scene of DAVIS; the order of files by name is that of the frames.
+    """Reads one scene of DAVIS; the natural order of file names is that of the frames.
 
     Args:
       void: What is void in truth of 8 bits, unless no map holds anything else.
@@ -160,8 +161,11 @@ def _draw(tracks: Tracks, dtype: type[np.unsignedinteger]) -> bytes:
 
 
 def picture_names(run: Sequence[Tracks]) -> list[str]:
-    """Names of pictures without suffix, that sort as the frames do: those of the source if so."""
+    """Names of pictures without suffix, that sort as the frames do: those of the source if so.
+
+    In natural order, as they are read here, and by their letters, as others read them.
+    """
     names = [printable(PurePath(tracks.name).stem) for tracks in run]
-    if sorted(set(names)) == names:
+    if sorted(set(names)) == names == sorted(names, key=natural_key):
         return names
     return [f"{tracks.source_index:06d}" for tracks in run]

@@ -7,6 +7,7 @@ and expands palettes and gray values of fewer than 8 bits, which destroys the nu
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,12 @@ _MAX_SCANS = 100  # of a JPEG that gets sharper, which has some ten; each takes 
 _NO_PICTURE_OF_ITS_OWN = 0b101  # kinds of TIFF pages: a smaller copy, a mask
 _KIND_OF_PAGE = 254  # tag of TIFF
 _NUMBERS = ("I", "F")  # samples of floats, of over 16 bits, or with a sign
+
+
+def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sorts `frame_9` before `frame_10`, as pictures of a folder follow each other."""
+    parts = re.split(r"(\d+)", name)
+    return tuple((0, int(p), p) if p.isdecimal() else (1, 0, p.lower()) for p in parts if p)
 
 
 def check_picture(data: bytes) -> Image:

@@ -17,7 +17,7 @@ import functools
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
 from remind_jax.metrics.run_folder import holds_run, read_run_rows
 from remind_jax.sources.class_names import UNNAMED, ClassNames, find_metadata
 from remind_jax.sources.davis import metadata_files
+from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import require_classes
 
 Format = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "cvat", "run"]
@@ -47,12 +48,12 @@ class SceneSet:
     path: Path
     format: Format
     files: Mapping[str, Path]  # where each scene lies, by its name
-    read_one: Callable[[str, Path], TrackRows]
+    read_one: Callable[[Path, str], TrackRows]
     index: CocoIndex = dataclasses.field(default_factory=CocoIndex)  # for lists of results
 
     def read(self, name: str) -> TrackRows:
         """One of the scenes. Raises SourceError if it cannot be read."""
-        return self.read_one(name, self.files[name])
+        return self.read_one(self.files[name], name)
 
 
 def open_scenes(
@@ -76,7 +77,7 @@ def open_scenes(
         with files.reading(path):
             return _open_folder(path, format, is_truth=truth is None)
     if format == "cvat" or (format is None and looks_like_cvat(path)):
-        return SceneSet(path, "cvat", {scene_name(path): path}, _read_cvat)
+        return SceneSet(path, "cvat", {scene_name(path): path}, lambda file, _: read_cvat(file))
     if format is None and zipfile.is_zipfile(path):
         raise SourceError(f"'{path}' is a zip that holds no '{NAME_IN_ZIP}' of CVAT; unpack it")
     if path.suffix.lower() == ".json" or format == "coco-video":
@@ -88,7 +89,7 @@ def open_scenes(
     found = format or recognize_format(path)
     if format is None and like is not None and is_blank(path):
         found = like
-    read = functools.partial(_read_text, format=found, is_truth=truth is None)
+    read = functools.partial(read_text_rows, format=found, is_truth=truth is None)
     return SceneSet(path, found, {path.stem: path}, read)
 
 
@@ -99,27 +100,19 @@ def _open_folder(path: Path, format: Format | None, *, is_truth: bool) -> SceneS
     texts = _find_texts(path)
     if texts and (format in TEXT_FORMATS or format is None):
         found = format or recognize_format(*texts.values())
-        read = functools.partial(_read_text, format=found, is_truth=is_truth)
+        read = functools.partial(read_text_rows, format=found, is_truth=is_truth)
         return SceneSet(path, found, texts, read)
     maps = find_map_scenes(path)
     if maps and format in (None, "davis"):
         return SceneSet(path, "davis", maps, functools.partial(_read_maps, is_truth=is_truth))
     exports = {file.stem: file for file in sorted(path.glob("*.xml")) if looks_like_cvat(file)}
     if exports and format in (None, "cvat"):
-        return SceneSet(path, "cvat", exports, _read_cvat)
+        return SceneSet(path, "cvat", exports, lambda file, _: read_cvat(file))
     looked_for = f"tracks in format '{format}'" if format else "tracks in a known format"
     raise SourceError(
         f"'{path}' holds no {looked_for}; give a folder of instance maps (.png), of MOT or MOTS "
         "text (.txt), of CVAT files (.xml), a run of remind, or a JSON file"
     )
-
-
-def _read_text(name: str, file: Path, format: Any, is_truth: bool) -> TrackRows:
-    return read_text_rows(file, name, format, is_truth=is_truth)
-
-
-def _read_cvat(name: str, file: Path) -> TrackRows:
-    return read_cvat(file)
 
 
 def _find_runs(path: Path) -> dict[str, Path]:
@@ -141,7 +134,7 @@ def _find_texts(path: Path) -> dict[str, Path]:
     return {f.stem: f for f in files if not f.stem.lower().startswith(hidden)}
 
 
-def _read_maps(name: str, folder: Path, is_truth: bool) -> TrackRows:
+def _read_maps(folder: Path, name: str, is_truth: bool) -> TrackRows:
     """Instance maps; an instance of class null is left out of truth, as it is of a run."""
     classes = find_classes(folder, name) if is_truth else None
     void = None if classes is not None and VOID in classes.by_id else VOID
@@ -180,8 +173,7 @@ def find_classes(folder: Path, name: str) -> ClassNames | None:
 
 def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
     file = str(path)
-    with files.reading(path):
-        content = read_data_set(files.read_bytes(path), file)
+    content = read_data_set(read_bytes(path), file)
     if content.videos or truth is None:
         index = index_videos(content, file)
     else:
@@ -199,7 +191,7 @@ def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
         )
     numbers = {video.name: number for number, video in index.videos.items()}
 
-    def read(name: str, _: Path) -> TrackRows:
+    def read(_: Path, name: str) -> TrackRows:
         return read_video(groups.get(numbers[name], []), index, numbers[name], file)
 
     return SceneSet(path, "coco-video", dict.fromkeys(numbers, path), read, index)
@@ -207,5 +199,4 @@ def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
 
 def is_blank(path: Path) -> bool:
     """Whether a text file holds nothing. Raises SourceError if it cannot be read."""
-    with files.reading(path):
-        return not files.read_bytes(path).strip()
+    return not read_bytes(path).strip()

@@ -19,7 +19,7 @@ from remind_jax.metrics.matching import match_detections
 from remind_jax.metrics.opening import Format, SceneSet
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.run_folder import number_detections, read_tracks
-from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream
+from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream, row_of
 from remind_jax.printing.small_table import SmallTable
 from remind_jax.tracks import Tracks
 
@@ -109,9 +109,7 @@ def paper_table(
     rows = []
     for e in evaluations:
         formulas = "REMIND's formulas" if e.is_remind else "generic formulas"
-        note = "; ".join(filter(None, (formulas, e.failure_note)))
-        intervals = e.intervals(num_resamples=num_resamples) if num_resamples else {}
-        rows.append(Row(e.name, e.scores(), intervals, note))
+        rows.append(row_of(e, num_resamples, formulas))
     legend = [sentence for e in evaluations for sentence in e.legend]
     if len({e.is_remind for e in evaluations}) > 1:
         legend.append("Rows of different formulas do not compare.")

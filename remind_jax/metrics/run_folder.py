@@ -38,7 +38,7 @@ def read_tracks(folder: Path) -> Sequence[Tracks]:
     return store.read_run(folder)[1]
 
 
-def read_run_rows(name: str, folder: Path) -> TrackRows:
+def read_run_rows(folder: Path, name: str) -> TrackRows:
     """The firm identities of a run."""
     tracks = read_tracks(folder)
     return rows_of_tracks(tracks, [frame.object_id for frame in tracks], name)

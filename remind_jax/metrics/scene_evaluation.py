@@ -26,7 +26,13 @@ from remind_jax.metrics.opening import TEXT_FORMATS, Format, SceneSet
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.run_evaluation import Undecided, check_undecided, evaluate_pair
 from remind_jax.metrics.run_folder import number_detections, read_tracks
-from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream, path_name
+from remind_jax.metrics.scene_stream import (
+    SceneScores,
+    SceneStream,
+    open_stream,
+    path_name,
+    row_of,
+)
 from remind_jax.printing.small_table import SmallTable
 
 COLUMNS = (
@@ -212,16 +218,7 @@ def table_of(
 
     Columns are `COLUMNS`, and how undecided answers fare where there are any.
     """
-    rows = [
-        Row(
-            one.name,
-            one.scores(),
-            one.intervals(num_resamples=num_resamples) if num_resamples else {},
-            one.failure_note,
-            is_partial=bool(one.failed),
-        )
-        for one in evaluations
-    ]
+    rows = [row_of(one, num_resamples) for one in evaluations]
     has_soft = any(row.scores.get("FirmShare", 1.0) < 1 for row in rows)
     columns = COLUMNS + (UNCERTAIN_COLUMNS if has_soft else ())
     return ComparisonTable(rows, columns, _legend(evaluations, rows), title)

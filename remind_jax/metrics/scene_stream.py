@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from remind_jax.errors import RemindError, SourceError, nearest_names
+from remind_jax.metrics.comparison import Row
 from remind_jax.metrics.opening import (
     FORMATS,
     TEXT_FORMATS,
@@ -56,6 +57,13 @@ class SceneScores(Printable):
         """`failed` and `notes`, where there are any, for JSON."""
         known = {"failed": dict(self.failed), "notes": list(self.notes)}
         return {name: value for name, value in known.items() if value}
+
+
+def row_of(scored: Any, num_resamples: int, *notes: str) -> Row:
+    """The row of a `SceneScores` in a table, with intervals where there are resamples."""
+    intervals = scored.intervals(num_resamples=num_resamples) if num_resamples else {}
+    note = "; ".join(filter(None, (*notes, scored.failure_note)))
+    return Row(scored.name, scored.scores(), intervals, note, is_partial=bool(scored.failed))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from remind_jax import files
 from remind_jax.errors import SourceError
-from remind_jax.formats.pictures import IMAGE_SUFFIXES
+from remind_jax.formats.pictures import IMAGE_SUFFIXES, natural_key
 from remind_jax.sources.source import UnreadableFrame
 
 
@@ -59,12 +59,6 @@ def read_bytes(path: Path) -> bytes:
     """A whole file on disk. Raises SourceError if it cannot be read."""
     with files.reading(path):
         return files.read_bytes(path)
-
-
-def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Sorts `frame_9` before `frame_10`."""
-    parts = re.split(r"(\d+)", name)
-    return tuple((0, int(p), p) if p.isdecimal() else (1, 0, p.lower()) for p in parts if p)
 
 
 def last_number(name: str) -> int | None:

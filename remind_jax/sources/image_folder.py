@@ -9,7 +9,12 @@ from collections.abc import Generator, Sequence
 from pathlib import Path
 
 from remind_jax.errors import SourceError
-from remind_jax.formats.pictures import IMAGE_SUFFIXES, TIMES_NAME, decode_image
+from remind_jax.formats.pictures import (
+    IMAGE_SUFFIXES,
+    TIMES_NAME,
+    decode_image,
+    natural_key,
+)
 from remind_jax.frame import UNTIMED_FPS, SkippedFrame
 from remind_jax.sources import file_tree
 from remind_jax.sources.sampling import MAX_TIME_S, mean_rate
@@ -76,7 +81,7 @@ def _read_times(folder: Path, file_names: Sequence[str]) -> list[float] | None:
     if not os.path.isfile(path):
         return None
     all_kinds = _list_by_kind(folder, (*IMAGE_SUFFIXES, *OTHER_SUFFIXES))
-    names = sorted(dict.fromkeys([*all_kinds, *file_names]), key=file_tree.natural_key)
+    names = sorted(dict.fromkeys([*all_kinds, *file_names]), key=natural_key)
     lines = file_tree.read_of_frame(path).decode("ascii", "replace").rstrip().splitlines()
     # Of a recording that was cut off, the last picture may lack.
     may_lack = [file_tree.last_number(name) for name in names] == [*range(len(names))]

@@ -178,8 +178,6 @@ def _blocked(
             for axis in range(3):
                 near &= np.abs(texels.position_m[:, axis] - block.center_m[axis]) < radius
         rows = np.flatnonzero(near)
-        if len(rows) == 0:
-            continue
         start = turn(texels.position_m[rows] - block.center_m, -block.yaw_rad)
         way = turn(ends[rows] - block.center_m, -block.yaw_rad) - start
         first, last = np.full(len(rows), -np.inf), np.full(len(rows), np.inf)

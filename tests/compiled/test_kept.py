@@ -74,7 +74,7 @@ def test_a_full_disk_costs_the_program_only(folder, monkeypatch):
     def fail(*args):
         raise OutputError("cannot write: No space left on device")
 
-    monkeypatch.setattr(kept, "replace_file", fail)
+    monkeypatch.setattr(kept, "write_sealed", fail)
     np.testing.assert_array_equal(run(Counted())[1], [2, 2, 2])
     assert not files(folder)
 

@@ -4,6 +4,8 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.errors import RemindError
+from remind_jax.metrics.comparison import column_of, is_best
+from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
 from remind_jax.metrics.scene_evaluation import name_predictions
 from tests.formats import scenes as made
 from tests.formats.scenes import ANSWERS, TRUTH
@@ -27,6 +29,16 @@ def test_predictions_of_any_format_in_one_table(tmp_path: Path):
     )
     assert perfect.intervals["IDF1"] == (1.0, 1.0)
     assert "**100.00** (100.0 to 100.0)" in table.to_markdown()
+
+
+def test_what_failed_on_some_scenes_is_not_the_best_under_the_papers_protocol(tmp_path: Path):
+    truth = made.write_davis(tmp_path / "truth", TRUTH)
+    half = made.write_maps(tmp_path / "half", {"one": TRUTH["one"], "other": TRUTH["two"]})
+    whole = made.write_maps(tmp_path / "whole", ANSWERS)
+    scored = [one for path in (half, whole) for one in evaluate_paper(truth, path)]
+    table = paper_table(scored, num_resamples=0)
+    assert table.rows[0].note == "generic formulas; 1 of 2 scenes failed"
+    assert [is_best(table.rows, row, column_of("IDF1")) for row in table.rows] == [False, True]
 
 
 def test_predictions_of_no_scene_say_which_scenes_there_are(tmp_path: Path):

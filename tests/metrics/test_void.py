@@ -24,6 +24,14 @@ def write_maps(folder: Path, maps: Any) -> Path:
     return folder
 
 
+def test_frames_follow_each_other_by_the_numbers_of_their_maps(tmp_path: Path):
+    folder = write_maps(tmp_path / "truth", np.arange(1, 13)[:, None, None] * np.ones((1, 2, 2)))
+    for file in folder.iterdir():
+        file.rename(file.with_name(f"{int(file.stem)}.png"))
+    rows = read_instance_maps(folder, "scene", is_truth=True)
+    assert rows.track_id.tolist() == [*range(1, 13)]
+
+
 def pair(root: Path, truth: Any, answers: Any) -> PairedScene:
     return pair_scene(
         read_instance_maps(write_maps(root / "truth", truth), "scene", is_truth=True),

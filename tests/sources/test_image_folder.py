@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.formats.pictures import decode_image
+from remind_jax.formats.pictures import decode_image, natural_key
 from remind_jax.sources import Sampling, open_source
-from remind_jax.sources.file_tree import last_number, natural_key
+from remind_jax.sources.file_tree import last_number
 from remind_jax.sources.source import UnreadableFrame
 from tests.sources import making
 
