@@ -12,7 +12,8 @@ import pytest
 from remind_jax.decision import Outcome, Reason
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.memory.objects import Lifecycle
-from tests.explanation.scenes import Known, backed, chain, decide_frame, explain
+from tests.explanation.scenes import Known, chain, decide_frame, explain
+from tests.remind.association.tables import backed
 
 HOLDS = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
 TWO_BACKED = {0: backed(0.05), 1: backed(0.05)}
