@@ -4,13 +4,13 @@ import pytest
 
 from remind_jax.config import Config
 from remind_jax.masks.reduction import reduce_masks
-from remind_jax.observation import FrameFeats, MaskRelations, Masks
+from remind_jax.observation import FrameFeats, Masks
 from remind_jax.remind.perception.description import describe
 from remind_jax.remind.perception.rings import INNER, OUTER
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.perception import Perception
 from tests.golden import load
-from tests.statics import change_static, make_static
+from tests.statics import change_static, make_static, only
 
 GRID, DIM, SLOTS = (8, 10), 8, 3
 STATIC = make_static(num_detections=SLOTS, feature_dim=DIM)
@@ -21,20 +21,12 @@ DESCRIBE = jax.jit(describe, static_argnames="static")
 def describe_frame(features, coverage, filled=None, quality=None, static=STATIC, **changes):
     coverage = np.asarray(coverage, np.float32)
     num = len(coverage)
-    masks = Masks(
+    masks = only(
+        Masks,
         coverage=coverage,
         filled_coverage=coverage if filled is None else np.asarray(filled, np.float32),
         quality=np.ones(num) if quality is None else np.asarray(quality, float),
-        box=np.zeros((num, 4)),
-        center=np.zeros((num, 2)),
-        area=np.ones(num),
         class_id=np.arange(num, dtype=np.int32),
-        detector_score=np.ones(num, np.float32),
-        relations=MaskRelations(
-            gap_px=np.zeros((num, num)),
-            exact=np.zeros((num, num), bool),
-            touches_border=np.zeros(num, bool),
-        ),
         valid=coverage.any(axis=(1, 2)),
     )
     return describe_masks(features, masks, static, **changes)
