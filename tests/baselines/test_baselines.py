@@ -17,7 +17,6 @@ from remind_jax.static import Static
 from tests import tiny_world as world
 from tests.baselines import references
 from tests.cli import scenes
-from tests.stepping import step_once
 
 REFERENCES = {
     "momentum": references.momentum,
@@ -31,8 +30,10 @@ NUM_FRAMES = 40  # banks of twelve are full long before
 
 @functools.cache
 def stepper(name: str):
+    """One step as a program; the memory comes back in the types that it is given in."""
+    step = get_method(name).step
     return jax.jit(
-        functools.partial(step_once, step=get_method(name).step), static_argnames="static"
+        lambda *given, **options: settle_types(step(*given, **options)), static_argnames="static"
     )
 
 

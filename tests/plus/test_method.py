@@ -1,4 +1,4 @@
-"""REMIND plus as users run it: by name, saved and resumed, with answers that wait."""
+"""REMIND plus as users run it: by name, with answers that wait."""
 
 from collections import Counter
 
@@ -47,24 +47,8 @@ def result(frames) -> rj.Result:
     return rj.run(frames, config="plus", delay=0)
 
 
-def labels(tracks) -> list[list[int]]:
-    return [frame.object_id.tolist() for frame in tracks]
-
-
 def test_squares_are_recognized_on_the_way_back(result):
     assert evaluate_tracks(result.tracks).scores()["IDF1"] > 0.9
-
-
-def test_a_saved_memory_goes_on_as_if_nothing_had_happened(frames, result, tmp_path):
-    first = rj.Tracker("plus")
-    half = len(frames) // 2
-    told = [first.update(frame) for frame in frames[:half]]
-    first.save(tmp_path / "memory.safetensors")
-    second = rj.Tracker("plus")
-    second.load(tmp_path / "memory.safetensors")
-    second.prepare(frames[half - 1])  # the image that the next one is compared with
-    told += [second.update(frame) for frame in frames[half:]]
-    assert labels(told) == labels(result.tracks)
 
 
 def test_answers_that_wait_are_as_many_and_no_worse(frames, result):
