@@ -24,11 +24,9 @@ from tests.statics import change_static
 
 STATIC = change_static(tables.STATIC, precision="float32")
 
-Known = Mapping[int, float]
-
 
 def decide_frame(
-    rows: Sequence[Known],
+    rows: Sequence[Mapping[int, float]],
     *,
     context: Mapping[int, Mapping[str, Any]] | None = None,
     lifecycle: Lifecycle = Lifecycle.CONFIRMED,
