@@ -104,12 +104,12 @@ def read_context(scene: Scene, t: Thresholds, static: Static) -> Reasoning:
     return reason(view, candidate, scene.score.astype(static.scalar), static, t)
 
 
-_read = jax.jit(read_context, static_argnames="static")
+read = jax.jit(read_context, static_argnames="static")
 
 
 def read_on(scene: Scene, static: Static = STATIC, **changed: dict[str, Any]) -> Reasoning:
     """The whole package on one scene, on the host; thresholds as in `thresholds`."""
-    return jax.device_get(_read(scene, thresholds(**changed), static))
+    return jax.device_get(read(scene, thresholds(**changed), static))
 
 
 def example() -> Scene:
