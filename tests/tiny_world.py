@@ -83,10 +83,10 @@ def make_frames(num: int, seed: int = 0, share: float = 0.8, order: Any = None) 
     return [draw_frame(*view) for view in _draw_views(num, seed, share, order)]
 
 
-def make_scene(num: int, seed: int = 0, share: float = 0.8) -> list[SceneFrame]:
+def make_scene(num: int, seed: int = 0) -> list[SceneFrame]:
     """The same sequence as a source would give it: features, masks and who is who."""
     scene = []
-    for index, (boxes, corners, shown, ground) in enumerate(_draw_views(num, seed, share)):
+    for index, (boxes, corners, shown, ground) in enumerate(_draw_views(num, seed, 0.8)):
         feats, _ = draw_frame(boxes, corners, shown, ground)
         detections = Detections.create(
             draw_masks(boxes, corners),

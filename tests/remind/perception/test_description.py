@@ -18,18 +18,18 @@ GLOBAL, TRIMMED = 0, 1
 DESCRIBE = jax.jit(describe, static_argnames="static")
 
 
-def describe_frame(features, coverage, filled=None, quality=None, static=STATIC, **changes):
+def describe_frame(features, coverage, filled=None, **changes):
     coverage = np.asarray(coverage, np.float32)
     num = len(coverage)
     masks = only(
         Masks,
         coverage=coverage,
         filled_coverage=coverage if filled is None else np.asarray(filled, np.float32),
-        quality=np.ones(num) if quality is None else np.asarray(quality, float),
+        quality=np.ones(num),
         class_id=np.arange(num, dtype=np.int32),
         valid=coverage.any(axis=(1, 2)),
     )
-    return describe_masks(features, masks, static, **changes)
+    return describe_masks(features, masks, **changes)
 
 
 def describe_masks(features, masks, static=STATIC, **changes):
@@ -38,13 +38,13 @@ def describe_masks(features, masks, static=STATIC, **changes):
     return jax.tree.map(np.asarray, DESCRIBE(feats, masks, static=static, thresholds=rules))
 
 
-def random_features(seed=0, grid=GRID):
-    return np.random.default_rng(seed).standard_normal((*grid, DIM)).astype(np.float32)
+def random_features():
+    return np.random.default_rng(0).standard_normal((*GRID, DIM)).astype(np.float32)
 
 
-def one_block(rows=slice(2, 6), columns=slice(3, 7), value=1.0):
+def one_block(value=1.0):
     coverage = np.zeros((SLOTS, *GRID), np.float32)
-    coverage[0, rows, columns] = value
+    coverage[0, 2:6, 3:7] = value
     return coverage
 
 
