@@ -86,20 +86,18 @@ def read_view(scene: Scene, t: Thresholds, static: Static) -> FrameView:
     )
 
 
-def read_context(scene: Scene, t: Thresholds, static: Static) -> Reasoning:
+@jax.jit
+def read(scene: Scene, t: Thresholds) -> Reasoning:
     """The whole package on one scene."""
-    view = read_view(scene, t, static)
+    view = read_view(scene, t, STATIC)
     candidate = scene.det_class[:, None] == scene.object_class
     candidate = candidate & view.det_valid[:, None] & view.exists
-    return reason(view, candidate, scene.score.astype(static.scalar), static, t)
-
-
-read = jax.jit(read_context, static_argnames="static")
+    return reason(view, candidate, scene.score.astype(STATIC.scalar), STATIC, t)
 
 
 def read_on(scene: Scene, **changed: dict[str, Any]) -> Reasoning:
     """The whole package on one scene, on the host; thresholds as in `thresholds`."""
-    return jax.device_get(read(scene, thresholds(**changed), STATIC))
+    return jax.device_get(read(scene, thresholds(**changed)))
 
 
 def example() -> Scene:

@@ -53,7 +53,7 @@ def configure(settings: dict[str, Any]) -> Config:
 
 def answer_on(scene: Scene, settings: dict[str, Any]) -> dict[str, np.ndarray]:
     t = configure(settings).thresholds.as_arrays(STATIC.scalar)
-    found = jax.device_get(read(scene, t, STATIC))
+    found = jax.device_get(read(scene, t))
     told = {f"hyp_{name}": value for name, value in vars(found.hypotheses).items()}
     return {**told, **vars(found.influence), "veto": found.veto}
 
