@@ -19,18 +19,11 @@ PARTS = {"clusters": 4, "iterations": 5, "restarts": 2, "seed": 0}
 RINGS = {"clusters": 24, "iterations": 10, "restarts": 1, "seed": 1}
 
 
+_solve = jax.jit(kmeans, static_argnames=("solver", *PARTS))
+
+
 def solve(solver, options, points, members, wanted=None):
-    wanted = np.full(len(members), options["clusters"]) if wanted is None else wanted
-    return _SOLVE[solver, options["clusters"]](points, members, wanted)
-
-
-_SOLVE = {
-    (solver, options["clusters"]): jax.jit(
-        lambda p, m, w, s=solver, o=options: kmeans(p, m, w, solver=s, **o)
-    )
-    for solver in ("host", "jax")
-    for options in (PARTS, RINGS)
-}
+    return _solve(points, members, wanted, solver=solver, **options)
 
 
 def make_generic(rng, num_sets):
