@@ -159,23 +159,15 @@ def pad(frames: Iterable[Frame], num_slots: int) -> list[Frame]:
 
 
 def run(
-    frames: Iterable[Frame],
-    static: Static = STATIC,
-    thresholds: Thresholds = THRESHOLDS,
-    state: TrackerState | None = None,
+    frames: Iterable[Frame], static: Static = STATIC, state: TrackerState | None = None
 ) -> list[TrackerState]:
     """States after every frame, on the host."""
-    return [after for after, _ in follow(frames, static, thresholds, state)]
+    return [after for after, _ in trace(frames, static, state=state)]
 
 
-def follow(
-    frames: Iterable[Frame],
-    static: Static = STATIC,
-    thresholds: Thresholds = THRESHOLDS,
-    state: TrackerState | None = None,
-) -> list[tuple[TrackerState, Stages]]:
+def follow(frames: Iterable[Frame]) -> list[tuple[TrackerState, Stages]]:
     """States after every frame, and the stages of its decisions, on the host."""
-    return [(after, told.stages) for after, told in trace(frames, static, thresholds, state)]
+    return [(after, told.stages) for after, told in trace(frames)]
 
 
 def trace(
