@@ -21,7 +21,20 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from remind_jax.compiled.frame_step import FrameInput, FrameStep, pack_thresholds
+from remind_jax.compiled.packing import Bundle, Packed
 from remind_jax.compiled.programs import clear_programs
+from remind_jax.config import Config
+from remind_jax.decision import Outcome, Reason, Status
+from remind_jax.masks.reduction import reduce_masks
+from remind_jax.method import get_method
+from remind_jax.observation import FrameFeats
+from remind_jax.remind.association.gating import Gate
+from remind_jax.remind.memory.objects import Lifecycle
+from remind_jax.remind.memory.pending import Kind
+from remind_jax.remind.perception.description import describe
+from remind_jax.remind.stages import Lock, MatchOrigin
+from remind_jax.remind.state import init
 from tests.golden import load
 
 # Scores: the original's are float64 on float32 cosines; summation order alone moves them by 1e-7.
@@ -29,15 +42,7 @@ SCORE_TOLERANCE = {"float64": 2e-6, "float32": 2e-5}
 CONFIDENCE_TOLERANCE = {"float64": 1e-5, "float32": 2e-4}  # steep in the gap: slope up to 20
 DESCRIPTOR_TOLERANCE = 1e-5
 
-OUTCOMES = {  # the original's name of each of our outcomes
-    "MATCH": "MATCH",
-    "NEW": "NEW",
-    "AMBIGUOUS": "AMBIGUOUS_TRACK",
-    "PROVISIONAL_NEW": "PROVISIONAL_NEW",
-    "PROVISIONAL_PARENT": "PROVISIONAL_PARENT",
-    "UNASSIGNED": "UNASSIGNED",
-}
-LIFECYCLES = ("NEW", "TENTATIVE", "CONFIRMED", "INACTIVE")
+OUTCOMES = {"AMBIGUOUS": "AMBIGUOUS_TRACK"}  # what the original calls otherwise than we do
 # Compiled programs of more traces take more mappings of memory than systems allow a process.
 TRACES_AT_ONCE = 16
 
@@ -84,14 +89,6 @@ class Report:
 
 def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
     """Yields per frame: frame index, ids of the kept detections, the state, and the stages."""
-    from remind_jax.compiled.frame_step import FrameInput, FrameStep, pack_thresholds
-    from remind_jax.compiled.packing import Bundle, Packed
-    from remind_jax.config import Config
-    from remind_jax.masks.reduction import reduce_masks
-    from remind_jax.method import get_method
-    from remind_jax.observation import FrameFeats
-    from remind_jax.remind.state import init
-
     config = Config.from_reference(trace.info["override"])
     ignored = {label.lower() for label in config.input.ignored_classes}
     scene = load.Scene(name, root)
@@ -153,10 +150,6 @@ def compare_trace(
 
 
 def _compare_detections(report, trace, frame, kept, state, stages, precision) -> None:
-    from remind_jax.decision import Outcome, Reason, Status
-    from remind_jax.remind.association.gating import Gate
-    from remind_jax.remind.stages import Lock, MatchOrigin
-
     told = {**vars(state.decisions), **vars(stages)}
     d = SimpleNamespace(**{name: np.asarray(values) for name, values in told.items()})
     first_row = int(np.searchsorted(trace.det["frame"], frame))
@@ -178,7 +171,8 @@ def _compare_detections(report, trace, frame, kept, state, stages, precision) ->
             same = abs(float(ours) - float(theirs)) <= tolerance
             return report.note(frame, what, field, ours, theirs, same)
 
-        outcome = OUTCOMES[Outcome(d.outcome[i]).name]
+        outcome = Outcome(d.outcome[i]).name
+        outcome = OUTCOMES.get(outcome, outcome)
         report.outcomes[outcome] = report.outcomes.get(outcome, 0) + 1
         report.compared += 1
         same = exact("outcome", outcome, code("outcome", "outcome"))
@@ -253,8 +247,6 @@ def _compare_options(report, trace, frame, det, row, d, i, tolerance) -> None:
 
 
 def _compare_pending(report, trace, frame, state) -> None:
-    from remind_jax.remind.memory.pending import Kind
-
     tracks = jax.tree.map(np.asarray, state.pending)
     ours = {
         (Kind(kind).name.lower(), int(i)): int(hits)
@@ -291,7 +283,7 @@ def _compare_objects(report, trace, frame, state) -> None:
             continue
         what = f"object {object_id}"
         ours: dict[str, Any] = {
-            "state": LIFECYCLES[objects.lifecycle[slot]],
+            "state": Lifecycle(objects.lifecycle[slot]).name,
             "hits": int(objects.hits[slot]),
             "misses": int(objects.misses[slot]),
             "age": int(objects.age[slot]),
@@ -307,8 +299,6 @@ def _compare_objects(report, trace, frame, state) -> None:
 
 
 def _compare_descriptors(report, trace, frame, kept, feats, reduced, static, config) -> None:
-    from remind_jax.remind.perception.description import describe
-
     d = jax.jit(describe, static_argnames="static")(
         feats, reduced, static=static, thresholds=config.thresholds.as_arrays(static.scalar)
     )

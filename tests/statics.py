@@ -26,6 +26,12 @@ def change_static(static: Static, **fields: Any) -> Static:
 _Whole = TypeVar("_Whole")
 
 
+def only(kind: type[_Whole], **fields: Any) -> _Whole:
+    """A record of which nothing but these fields is looked at: the others are None."""
+    absent = {field.name: None for field in dataclasses.fields(kind)}  # pyright: ignore[reportArgumentType]
+    return kind(**{**absent, **fields})
+
+
 def change_parts(whole: _Whole, **parts: Mapping[str, Any]) -> _Whole:
     """A record of records, the same but for these fields of its parts."""
     changed = {

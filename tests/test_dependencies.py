@@ -66,19 +66,20 @@ def names(requirements: list[str]) -> list[str]:
 
 
 def imported(*folders: str) -> set[str]:
-    """Every top module that a file in one of the folders imports, inside functions too."""
-    return set().union(*map(imported_within, folders))
+    """Every top module that a file in one of the folders imports."""
+    paths = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    return set().union(*map(imported_by, paths))
 
 
 @cache
-def imported_within(folder: str) -> frozenset[str]:
+def imported_by(path: Path) -> frozenset[str]:
+    """Every top module that a file imports, inside functions too."""
     found = set()
-    for path in (ROOT / folder).rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                found |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                found.add(node.module.partition(".")[0])
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found.add(node.module.partition(".")[0])
     return frozenset(found)
 
 

@@ -1,17 +1,16 @@
 """What importing costs, and which way dependencies point."""
 
-import ast
 import importlib
 import os
 import subprocess
 import sys
 import textwrap
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import remind_jax
+from tests.test_dependencies import imported_by
 
 PACKAGE = Path(remind_jax.__file__).parent
 
@@ -34,17 +33,6 @@ PURE = (
 )
 ALLOWED = {"remind_jax", "jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}
 ON_THE_HOST = ("plus/image_motion.py",)  # observes frames ahead of the step
-
-
-def imported_names(path: Path) -> Iterator[str]:
-    """Every module that a file names in an import statement, those inside functions too."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path} has a relative import"
-            assert node.module is not None
-            yield node.module
 
 
 def run_python(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
@@ -132,5 +120,5 @@ def test_what_runs_on_the_device_imports_arrays_only(room):
     assert paths[0].exists()
     for path in paths:
         if path.relative_to(PACKAGE).as_posix() not in ON_THE_HOST:
-            tops = {name.partition(".")[0] for name in imported_names(path)}
+            tops = imported_by(path)
             assert tops <= ALLOWED, f"{path} imports {tops - ALLOWED}"

@@ -83,10 +83,10 @@ def make_frames(num: int, seed: int = 0, share: float = 0.8, order: Any = None) 
     return [draw_frame(*view) for view in _draw_views(num, seed, share, order)]
 
 
-def make_scene(num: int, seed: int = 0, share: float = 0.8) -> list[SceneFrame]:
+def make_scene(num: int, seed: int = 0) -> list[SceneFrame]:
     """The same sequence as a source would give it: features, masks and who is who."""
     scene = []
-    for index, (boxes, corners, shown, ground) in enumerate(_draw_views(num, seed, share)):
+    for index, (boxes, corners, shown, ground) in enumerate(_draw_views(num, seed, 0.8)):
         feats, _ = draw_frame(boxes, corners, shown, ground)
         detections = Detections.create(
             draw_masks(boxes, corners),
@@ -159,23 +159,15 @@ def pad(frames: Iterable[Frame], num_slots: int) -> list[Frame]:
 
 
 def run(
-    frames: Iterable[Frame],
-    static: Static = STATIC,
-    thresholds: Thresholds = THRESHOLDS,
-    state: TrackerState | None = None,
+    frames: Iterable[Frame], static: Static = STATIC, state: TrackerState | None = None
 ) -> list[TrackerState]:
     """States after every frame, on the host."""
-    return [after for after, _ in follow(frames, static, thresholds, state)]
+    return [after for after, _ in trace(frames, static, state=state)]
 
 
-def follow(
-    frames: Iterable[Frame],
-    static: Static = STATIC,
-    thresholds: Thresholds = THRESHOLDS,
-    state: TrackerState | None = None,
-) -> list[tuple[TrackerState, Stages]]:
+def follow(frames: Iterable[Frame]) -> list[tuple[TrackerState, Stages]]:
     """States after every frame, and the stages of its decisions, on the host."""
-    return [(after, told.stages) for after, told in trace(frames, static, thresholds, state)]
+    return [(after, told.stages) for after, told in trace(frames)]
 
 
 def trace(

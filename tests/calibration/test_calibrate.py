@@ -28,9 +28,9 @@ def _colors(images):
     return jnp.asarray(np.concatenate([halves, np.full((*halves.shape[:3], 2), 0.5)], axis=-1))
 
 
-def frames(num=40, with_ids=False, seed=0, objects=3):
+def frames(num=40, objects=3):
     """Colored squares that drift over noise, side by side."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     paint = rng.integers(0, 255, (objects, 3))
     for index in range(num):
         image = rng.integers(90, 160, (SIZE, SIZE, 3)).astype(np.uint8)
@@ -40,9 +40,7 @@ def frames(num=40, with_ids=False, seed=0, objects=3):
             masks[one, top : top + 28, left : left + 40] = True
             shade = 1 - 0.4 * index / num
             image[masks[one]] = np.clip(paint[one] * shade + rng.normal(0, 12, (1, 3)), 0, 255)
-        ids = np.arange(objects) if with_ids else None
-        seen = Detections.create(masks, instance_ids=ids)
-        yield Frame(index, index, index / 10, str(index), image, seen)
+        yield Frame(index, index, index / 10, str(index), image, Detections.create(masks))
 
 
 @pytest.fixture(autouse=True)

@@ -1,11 +1,15 @@
 """Tiny inputs for the command line: a few objects on small frames, as files of every kind."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import av
 import cv2
 import numpy as np
+
+from remind_jax.session.live import Tracker
+from remind_jax.tracks import Tracks
 
 # Objects of fewer than about 14 patches are too small to be remembered, hence 25 patches each.
 PATCH_PX = 16
@@ -28,6 +32,13 @@ def picture(index: int, ids: tuple[int, ...] = FIRST_THREE) -> tuple[np.ndarray,
         image[window] = cv2.resize(texture, (OBJECT_PX, OBJECT_PX), interpolation=cv2.INTER_CUBIC)
         labels[window] = instance
     return image, labels
+
+
+def follow(
+    tracker: Tracker, frames: Iterable[int], ids: tuple[int, ...] = FIRST_THREE
+) -> list[Tracks]:
+    """What a tracker answers about these frames."""
+    return [tracker.update(*picture(index, ids)) for index in frames]
 
 
 def masks_of(labels: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from remind_jax.compiled.programs import clear_programs
 from remind_jax.method import get_method
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
+from tests.session.test_live import assert_same_answers
 
 TINY = {"num_detections": 4, "num_objects": 6, "num_pending": 4}
 HEAVY = pytest.mark.heavy
@@ -21,10 +22,6 @@ METHODS = (
     "running-mean",
     pytest.param("remind", marks=pytest.mark.slow),
 )
-
-
-def follow(tracker: Tracker, num: int = 3) -> list:
-    return [tracker.update(*scenes.picture(index)) for index in range(num)]
 
 
 def make(name: str, **options) -> Tracker:
@@ -47,7 +44,7 @@ def compiled(monkeypatch):
 @pytest.mark.parametrize("name", METHODS)
 def test_it_gives_what_the_step_gives(name):
     tracker, method = make(name), get_method(name)
-    got = follow(tracker)
+    got = scenes.follow(tracker, range(3))
     state = method.init(dataclasses.replace(tracker.static))
     step = jax.jit(method.step, static_argnames="static")
     other = make(name)
@@ -79,7 +76,7 @@ def _input_of(tracker: Tracker, index: int) -> FrameInput:
 
 def test_another_frame_size_compiles_the_description_only(compiled):
     tracker = make("bank")
-    follow(tracker)
+    scenes.follow(tracker, range(3))
     assert compiled == ["describe", "decide"]
     image, labels = scenes.picture(3)
     tracker.update(image[:-32], labels[:-32])
@@ -103,8 +100,7 @@ def test_more_objects_compile_the_decision_only(compiled):
 @pytest.mark.parametrize("name", ["plus", pytest.param("remind", marks=pytest.mark.slow)])
 def test_a_trace_changes_no_decision(name):
     plain, traced = Tracker(tracker=name), Tracker(tracker=name, trace=True)
-    for one, other in zip(follow(plain), follow(traced), strict=True):
-        np.testing.assert_array_equal(one.object_id, other.object_id)
+    assert_same_answers(*(scenes.follow(one, range(3)) for one in (plain, traced)))
     assert traced.trace is not None
     assert plain.trace is None
 
@@ -138,5 +134,5 @@ def test_a_method_that_is_defined_anew_is_compiled_anew():
         tracker._memory.frame_step = FrameStep(dataclasses.replace(method, decide=decide))
         return tracker
 
-    first, second = (follow(shifted(by), 1)[0].object_id for by in (100, 200))
+    first, second = (scenes.follow(shifted(by), [0])[0].object_id for by in (100, 200))
     assert (second - first == 100).all()

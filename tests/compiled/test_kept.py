@@ -155,34 +155,27 @@ print(float(result[0].sum()), "scipy.linalg" in sys.modules)
 """
 
 
-# Such a call needs what is registered when one is lowered; others must not wait for it.
+SEVERAL = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+
+
 @pytest.mark.parametrize(
-    ("function", "said"), [("jnp.linalg.cholesky", "6.0 True"), ("jnp.sum", "12.0 False")]
+    ("function", "environment", "said"),
+    [
+        # Such a call needs what is registered when one is lowered; others must not wait for it.
+        ("jnp.linalg.cholesky", {}, "6.0 True"),
+        ("jnp.sum", {}, "12.0 False"),
+        ("jnp.sum", SEVERAL, "12.0 False"),
+    ],
+    ids=["calls LAPACK", "does not", "several devices"],
 )
-def test_a_kept_program_calls_lapack_in_a_process_that_never_lowered_such_a_call(
-    folder, function, said
-):
-    for _ in range(2):
+def test_a_kept_program_runs_in_a_process_that_never_made_one(folder, function, environment, said):
+    for _ in range(2):  # made, and found again
         done = subprocess.run(
             [sys.executable, "-c", _PROGRAM, function],
             capture_output=True,
             text=True,
             check=True,
-            env={**os.environ, "JAX_COMPILATION_CACHE_DIR": ""},
+            env={**os.environ, **environment, "JAX_COMPILATION_CACHE_DIR": ""},
         )
         assert done.stdout.strip() == said
-    assert len(files(folder)) == 1
-
-
-def test_a_kept_program_runs_where_there_are_several_devices(folder):
-    several = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
-    for _ in range(2):  # made, and found again
-        done = subprocess.run(
-            [sys.executable, "-c", _PROGRAM, "jnp.sum"],
-            capture_output=True,
-            text=True,
-            check=True,
-            env={**os.environ, **several, "JAX_COMPILATION_CACHE_DIR": ""},
-        )
-        assert done.stdout.strip() == "12.0 False"
     assert len(files(folder)) == 1

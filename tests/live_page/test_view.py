@@ -8,12 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from remind_jax.frame import Frame
 from remind_jax.live_page import view as views
 from remind_jax.live_page.view import LiveView
 from remind_jax.outputs.run_records import MemoryUse
 from remind_jax.session.object_records import RememberedObject, Sight
-from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_run
 
 
@@ -34,14 +32,11 @@ def view() -> LiveView:
     return LiveView("room", clock=Clock())
 
 
-def at(frame: Frame, tracks: Tracks, time_s: float) -> tuple[Frame, Tracks]:
-    return dataclasses.replace(frame, time_s=time_s), tracks
-
-
 def show(view: LiveView, run, *positions: int, step_s: float = 0.1) -> None:
     frames, result = run
     for position in positions:
-        frame, tracks = at(frames[position], result.tracks[position], step_s * position)
+        frame = dataclasses.replace(frames[position], time_s=step_s * position)
+        tracks = result.tracks[position]
         view.show(frame, tracks, tracks)
 
 
@@ -115,7 +110,7 @@ def test_an_absence_leaves_a_gap_in_the_timeline(view, run):
 
 def test_the_timeline_ends_now_and_drops_what_is_long_ago(view, run):
     show(view, run, 0, step_s=0)
-    frame, tracks = at(run[0][0], run[1].tracks[0], 1000.0)
+    frame, tracks = dataclasses.replace(run[0][0], time_s=1000.0), run[1].tracks[0]
     view.show(frame, tracks, tracks)
     timeline = view.state()["timeline"]
     assert (timeline["from_s"], timeline["to_s"]) == (1000.0 - views.WINDOW_S, 1000.0)

@@ -89,11 +89,7 @@ def test_numbered_turns_in_batches_equal_a_loop(stops):
 
 
 def test_the_number_of_a_turn_is_that_of_the_whole_batch():
-    def fill(stop):
-        write = lambda number, row: jax.lax.dynamic_update_slice(row, number[None], (number,))  # noqa: E731
-        return count_up(stop, write, jnp.zeros(6, jnp.int32))
-
-    traced = jax.make_jaxpr(jax.vmap(fill))(jnp.arange(4, dtype=jnp.int32))
+    traced = jax.make_jaxpr(jax.vmap(_fill))(jnp.arange(4, dtype=jnp.int32))
     (loop,) = (one for one in traced.eqns if one.primitive.name == "while")
     shapes = [result.aval.shape for result in loop.outvars]
     assert shapes.count((4, 6)) == 1

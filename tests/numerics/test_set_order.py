@@ -1,5 +1,3 @@
-import functools
-
 import jax
 import numpy as np
 import pytest
@@ -8,17 +6,14 @@ from hypothesis import strategies as st
 
 from remind_jax.numerics.set_order import iteration_rank
 
-
-@functools.cache
-def rank_program(most, copied):
-    return jax.jit(functools.partial(iteration_rank, copied=copied))
+RANK = jax.jit(iteration_rank, static_argnames="copied")
 
 
 def iterate(ids, most, *, copied=True):
     """The first ids in the order of our ranks, of `most` slots."""
     padded = np.zeros(most, np.int32)
     padded[: len(ids)] = ids
-    rank = np.asarray(rank_program(most, copied)(padded, np.int32(len(ids))))
+    rank = np.asarray(RANK(padded, np.int32(len(ids)), copied=copied))
     assert sorted(rank) == list(range(most))
     return padded[np.argsort(rank)][: len(ids)].tolist()
 

@@ -15,8 +15,9 @@ from remind_jax.explanation.remind.explainer import FrameRecord
 from remind_jax.frame import Frame
 from remind_jax.outputs.result import Result
 from remind_jax.plus.verdicts import Stage, Verdicts, no_verdicts
-from tests.explanation.scenes import backed, decide_frame
+from tests.explanation.scenes import decide_frame
 from tests.outputs.fake_run import make_info, make_tracks
+from tests.remind.association.tables import backed
 
 SIZE = (120, 160)
 UNDECIDED = 17  # frame in which detection 0 is mug 0 or mug 1

@@ -77,11 +77,11 @@ def go_on(tracklets: Tracklets, seen: Sightings, origin, frame: int, **more):
 _advance = jax.jit(advance_tracklets)
 
 
-def motion(shift: Any = (0.0, 0.0), score: Any = 1.0, elapsed: float = 1.0) -> Motion:
+def motion(shift: Any = (0.0, 0.0), score: Any = 1.0) -> Motion:
     """A shift of the whole image, in frame units."""
     shift = jnp.reshape(jnp.asarray(shift, jnp.float32), (2, 1))
     matrix = jnp.concatenate([jnp.eye(2), shift], axis=1)
-    return Motion(matrix, jnp.float32(score), jnp.array([480, 640]), jnp.float32(elapsed))
+    return Motion(matrix, jnp.float32(score), jnp.array([480, 640]), jnp.float32(1))
 
 
 def empty_state() -> PlusState:

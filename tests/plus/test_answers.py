@@ -104,22 +104,21 @@ def test_the_new_id_of_a_small_object_waits_until_it_is_more_certain():
     assert report_one([0.7, 0.0], size=0.2).object_id[0] == KNOWN, "a known object need not"
 
 
-def test_less_is_claimed_of_what_moves_once_it_is_decided():
-    still, moving = (
-        report_one([0.99, 0.0], decided=True, moves=moves).confidence[0] for moves in (0.0, 0.8)
-    )
-    assert 0.5 < moving < still - 0.02
-    still, moving = (report_one([0.99, 0.0], moves=moves).confidence[0] for moves in (0.0, 0.8))
-    assert moving == still, "what is open may still be corrected"
-
-
-def test_less_is_claimed_of_one_whose_class_moves_once_it_is_decided():
-    (apart, among), open_ones = (
-        [report_one([0.99, 0.0], decided=decided, stays=stays).confidence[0] for stays in (1, 0.3)]
+@pytest.mark.parametrize(
+    ("calm", "restless"),
+    [({"moves": 0.0}, {"moves": 0.8}), ({"stays": 1.0}, {"stays": 0.3})],
+    ids=["what moves", "one whose class moves"],
+)
+def test_less_is_claimed_once_it_is_decided_of(calm, restless):
+    (still, moving), open_ones = (
+        [
+            report_one([0.99, 0.0], decided=decided, **kind).confidence[0]
+            for kind in (calm, restless)
+        ]
         for decided in (True, False)
     )
-    assert 0.5 < among < apart - 0.02
-    assert open_ones[0] == open_ones[1]
+    assert 0.5 < moving < still - 0.02
+    assert open_ones[0] == open_ones[1], "what is open may still be corrected"
 
 
 def test_a_mask_without_usable_features_is_dropped():

@@ -26,9 +26,9 @@ CENTER = np.array([2.0, 1.5], np.float32)
 SMALL = {"static": {"num_detections": 16, "num_objects": 64}}
 
 
-def remembered(num=30, seed=0):
+def remembered(num=30):
     """A memory of host arrays in which every object is another one and all are related."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     state = jax.tree.map(np.array, EMPTY)
     objects, pairs = state.objects, state.pairs
     objects.id[:num], objects.class_id[:num] = 3 * np.arange(num), np.arange(num) % 3

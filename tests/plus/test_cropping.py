@@ -28,7 +28,7 @@ def test_boxes_are_one_where_both_are_cropped_at_one_side():
     np.testing.assert_allclose(found[0], [1, 1, 1, 0.5, 0], atol=1e-6)
 
 
-def _chair(named: int = SINK, box=TOP):
+def _chair(box=TOP):
     """A chair that was seen, and what is seen in its place now: another look and box."""
     center = [[2.5, 2.0], [5, 4], [1, 4]]
     before = detections(center, box=np.array([WHOLE, [4, 4, 5, 5], [0, 4, 1, 5]], np.float32))
@@ -36,7 +36,7 @@ def _chair(named: int = SINK, box=TOP):
     boxes = before.box.copy()
     boxes[0] = box
     now = dataclasses.replace(
-        before, box=boxes, look=look, class_id=np.array([named, 0, 0], np.int32),
+        before, box=boxes, look=look, class_id=np.array([SINK, 0, 0], np.int32),
         valid=np.array([True, False, False]),
     )  # fmt: skip
     return before, now

@@ -12,7 +12,15 @@ from tests.plus.frames import TICK, T, motion
 from tests.plus.walls import STATIC, pan
 
 CENTER = jnp.array([3.2, 2.4])
-move_map, correct_map = jax.jit(scene_map.move_map), jax.jit(scene_map.correct_map)
+SIGHTINGS = jax.tree.map(lambda leaf: leaf[0], pan().sightings)
+correct_map = jax.jit(scene_map.correct_map)
+
+
+@jax.jit
+def move(objects, pairs, shift, score, now):
+    """The map after the image moved."""
+    moved = motion(shift, score)
+    return scene_map.move_map(objects, pairs, moved, CENTER, now, TICK, T.motion, T.mobility)
 
 
 def memory(position: np.ndarray, covariance: np.ndarray):
@@ -31,12 +39,8 @@ def memory(position: np.ndarray, covariance: np.ndarray):
 
 def test_places_move_with_the_image_and_doubt_grows_faster_without_trust():
     objects, pairs = memory(np.array([[1.0, 1.0], [9.0, 2.0]]), 0.01 * np.eye(2))
-    moved, trusted = move_map(
-        objects, pairs, motion((-0.5, 0.1), 0.9), CENTER, jnp.int32(1), TICK, T.motion, T.mobility
-    )
-    _, doubted = move_map(
-        objects, pairs, motion((-0.5, 0.1), 0.0), CENTER, jnp.int32(1), TICK, T.motion, T.mobility
-    )
+    moved, trusted = move(objects, pairs, (-0.5, 0.1), 0.9, jnp.int32(1))
+    _, doubted = move(objects, pairs, (-0.5, 0.1), 0.0, jnp.int32(1))
     np.testing.assert_allclose(moved.position[:2], [[0.5, 1.1], [8.5, 2.1]], atol=1e-5)
     before, sure, unsure = (p.covariance[0, 0] for p in (pairs, trusted, doubted))
     assert before < sure < unsure
@@ -46,9 +50,8 @@ def test_places_move_with_the_image_and_doubt_grows_faster_without_trust():
 def test_an_object_in_view_corrects_one_out_of_view():
     shared = np.array([[1.0, 0.99], [0.99, 1.0]])
     objects, pairs = memory(np.array([[1.0, 1.0], [9.0, 2.0]]), shared)
-    sightings = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), pan().sightings)
-    seen = sightings.center.at[0].set(jnp.array([1.5, 1.0]))
-    sightings = dataclasses.replace(sightings, center=seen)
+    seen = jnp.asarray(SIGHTINGS.center).at[0].set(jnp.array([1.5, 1.0]))
+    sightings = dataclasses.replace(SIGHTINGS, center=seen)
     sure = jnp.arange(len(seen)) == 0
     slot = jnp.zeros(len(seen), jnp.int32)
     after, left = correct_map(objects, pairs, slot, sure, sure, sightings)
@@ -61,17 +64,14 @@ def test_rounding_leaves_a_covariance_through_years_of_doubt():
     rng = np.random.default_rng(0)
     num = 12
     objects, pairs = memory(rng.uniform(-20, 20, (num, 2)), 0.01 * np.eye(num))
-    sightings = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), pan().sightings)
     slots = STATIC.num_detections
 
     @jax.jit
     def frame(objects, pairs, moved, now, chosen, score):
-        objects, pairs = move_map(
-            objects, pairs, motion(moved, score), CENTER, now, TICK, T.motion, T.mobility
-        )
+        objects, pairs = move(objects, pairs, moved, score, now)
         sure = jnp.arange(slots) < 4
         place = objects.position[chosen] + 0.05
-        seen = dataclasses.replace(sightings, center=place)
+        seen = dataclasses.replace(SIGHTINGS, center=place)
         objects = dataclasses.replace(objects, last=objects.last.at[chosen].set(now))
         return correct_map(objects, pairs, chosen, sure, sure, seen)
 
@@ -93,11 +93,10 @@ def test_detections_in_blocks_correct_the_map_as_one_after_the_other(monkeypatch
     num, slots = 9, STATIC.num_detections
     root = rng.normal(size=(num, num))
     objects, pairs = memory(rng.uniform(0, 5, (num, 2)), root @ root.T / num)
-    sightings = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), pan().sightings)
     slot = jnp.asarray(rng.permutation(slots) % num, jnp.int32)
     sure = (jnp.arange(slots) < num) & (jnp.arange(slots) != 1)
     center = objects.position[slot] + jnp.asarray(rng.normal(0, 0.1, (slots, 2)), jnp.float32)
-    sightings = dataclasses.replace(sightings, center=center)
+    sightings = dataclasses.replace(SIGHTINGS, center=center)
 
     def correct():
         given = lambda *leaves: scene_map.correct_map(*leaves)  # noqa: E731  (traced anew)

@@ -20,18 +20,18 @@ LIGHT = np.array([1.0, 0.0, 0.0])  # what varies within tracklets
 KIND = np.array([0.0, 1.0, 0.0])  # what tells objects apart
 
 
-def learned(frames: int = 61):
+def learned():
     """Statistics of three objects whose looks wander along `LIGHT`, without the last renewal."""
     rng = np.random.default_rng(0)
     state = empty_state()
     scene = state.scene
-    for frame in map(jnp.int32, range(frames)):
+    for frame in map(jnp.int32, range(61)):
         wander = rng.normal(size=3)[:, None] * LIGHT
         looks = np.array([[-1.0], [0.0], [1.0]]) * KIND + wander
         seen = detections(np.zeros((3, 2)), looks)
         step = jnp.asarray(wander, jnp.float32)
         scene = learn_scatter(scene, seen, step, jnp.ones(3, bool), FULL, frame)
-        if frame < frames - 1:
+        if frame < 60:
             scene, _ = renew_whitening(scene, state.objects, seen, frame, T)
     return scene
 

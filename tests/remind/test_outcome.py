@@ -11,6 +11,7 @@ from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.outcome import rank_candidates
 from remind_jax.remind.state import init
 from tests.remind.association.tables import SLOTS, STATIC, decide_frames, visual_frame
+from tests.statics import only
 
 RANK = jax.jit(rank_candidates, static_argnums=2)
 
@@ -27,9 +28,8 @@ def test_more_candidates_shown_than_objects_and_fewer(x64):
     ids = jnp.where(jnp.arange(SLOTS) < 3, 10 + jnp.arange(SLOTS), NO_ID)
     objects = dataclasses.replace(objects, id=ids)
     table = jnp.tile(jnp.array([0.1, 0.3, 0.2] + [0.0] * (SLOTS - 3)), (2, 1))
-    absent = {field.name: None for field in dataclasses.fields(Comparison)}
     candidate = jnp.arange(SLOTS)[None] < jnp.array([[3], [1]])
-    comparison = Comparison(**{**absent, "candidate": candidate, "score": table})  # pyright: ignore[reportArgumentType]
+    comparison = only(Comparison, candidate=candidate, score=table)
     for shown in (2, SLOTS + 3):
         listed, rows = RANK(objects, comparison, shown)
         expected = [[11, 12, 10], [10, NO_ID, NO_ID]]

@@ -86,8 +86,7 @@ def test_leaves_of_what_lives_follow_from_those_that_there_were(tmp_path):
 
 def test_kept_looks_of_fewer_places_are_read(tmp_path):
     tracker, path = Tracker(), tmp_path / "memory.safetensors"
-    for index in range(10):
-        tracker.update(*scenes.picture(index))
+    scenes.follow(tracker, range(10))
     tracker.save(path)
     assert load_file(path)["objects.bank_count"].any()
     rewrite(path, tensors=dict.fromkeys(LENGTHENED, lambda leaf: leaf[:, :8].copy()))

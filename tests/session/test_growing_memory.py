@@ -11,7 +11,7 @@ from remind_jax.frame import Detections, Frame
 from remind_jax.session import growing_memory
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
-from tests.session.test_live import CONFIG, frames
+from tests.session.test_live import CONFIG, assert_same_answers, frames
 
 
 def things(index: int) -> tuple[np.ndarray, Detections]:
@@ -49,10 +49,8 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
     roomy, expected = follow(16)
     assert at_need.static.num_objects > 4
     assert roomy.static.num_objects == 16
-    for one, two, three in zip(prepared, grown, expected, strict=True):
-        np.testing.assert_array_equal(one.object_id, three.object_id)
-        np.testing.assert_array_equal(two.object_id, three.object_id)
-        np.testing.assert_array_equal(one.outcome, three.outcome)
+    assert_same_answers(prepared, expected)
+    assert_same_answers(grown, expected)
 
 
 def crowd(index: int) -> tuple[np.ndarray, Detections]:
@@ -84,10 +82,7 @@ def test_room_for_a_crowd_goes_when_it_is_over_and_no_answer_changes(monkeypatch
     monkeypatch.setattr(growing_memory.GrowingMemory, "_shrink", lambda *_: None)
     expected, room = follow()
     assert room == [4, *[16] * 11]
-    for one, other in zip(shrunk, expected, strict=True):
-        np.testing.assert_array_equal(one.object_id, other.object_id)
-        np.testing.assert_array_equal(one.outcome, other.outcome)
-        np.testing.assert_array_equal(one.confidence, other.confidence)
+    assert_same_answers(shrunk, expected)
 
 
 def test_room_that_was_asked_for_stays(monkeypatch):
@@ -160,7 +155,7 @@ def test_interruption_within_a_step_leaves_the_memory_whole(is_waited_for, monke
     other.load(tmp_path / "memory.safetensors")
     assert int(other.state.frame) == int(tracker.state.frame) == 1 + is_waited_for
     ours, expected = other.update(*third), tracker.update(*third)
-    np.testing.assert_array_equal(ours.object_id, expected.object_id)
+    assert_same_answers([ours], [expected])
     assert set(ours.object_id) == {0, 1, 2}
 
 

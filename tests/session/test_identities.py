@@ -63,13 +63,11 @@ def test_records_agree_with_the_final_answers():
 def test_what_earlier_sessions_counted_stays(tmp_path):
     config = {"tracker": "iou", "static": STATIC}
     tracker = rj.Tracker(config)
-    for index in range(2):
-        tracker.update(*scenes.picture(index))
+    scenes.follow(tracker, range(2))
     tracker.save(tmp_path / "memory.safetensors")
     again = rj.Tracker(config)
     again.load(tmp_path / "memory.safetensors")
-    for index in range(2, 5):
-        again.update(*scenes.picture(index))
+    scenes.follow(again, range(2, 5))
     before = again.objects()
     told = again.identities
     assert told.decided is not None
@@ -160,8 +158,7 @@ def test_counts_of_what_memory_lost_do_not_pile_up():
 
 def test_a_tracker_that_is_reset_knows_nobody():
     tracker = rj.Tracker({"tracker": "iou", "static": STATIC}, announce_after=2)
-    for index in range(3):
-        tracker.update(*scenes.picture(index, (1, 2)))
+    scenes.follow(tracker, range(3), (1, 2))
     assert len(tracker.objects()) == 2
     tracker.reset()
     assert tracker.identities.decided is None

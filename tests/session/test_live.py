@@ -1,5 +1,7 @@
 """The live tracker: one compilation, warm-ups, and choices that are refused."""
 
+from collections.abc import Iterable
+
 import jax
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from remind_jax.frame import Detections, Frame
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
 from remind_jax.session.memory_parts import read_parts
+from remind_jax.tracks import Tracks
 from tests.cli import scenes
 
 # Of a tracker that compiles quickly: what is asked here does not depend on who decides.
@@ -20,6 +23,13 @@ CONFIG = {
 
 def frames(num: int) -> list[tuple[np.ndarray, np.ndarray]]:
     return [scenes.picture(index) for index in range(num)]
+
+
+def assert_same_answers(ours: Iterable[Tracks], theirs: Iterable[Tracks]) -> None:
+    """Who is who, what was decided, and how sure that is, frame by frame."""
+    for one, other in zip(ours, theirs, strict=True):
+        for name in ("object_id", "outcome", "score", "confidence", "candidate_id", "boxes"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
 
 
 def frame_of_features() -> Frame:
@@ -54,10 +64,7 @@ def test_a_warm_up_changes_no_answer():
     warm.update(*frames(1)[0])
     warm.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX))
     plain.update(*frames(1)[0])
-    for image, labels in frames(3)[1:]:
-        one, other = plain.update(image, labels), warm.update(image, labels)
-        np.testing.assert_array_equal(one.object_id, other.object_id)
-        np.testing.assert_array_equal(one.confidence, other.confidence)
+    assert_same_answers(*(scenes.follow(tracker, (1, 2)) for tracker in (plain, warm)))
 
 
 def test_time_spent_on_programs_is_reported():

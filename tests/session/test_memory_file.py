@@ -217,8 +217,7 @@ def test_vectors_that_are_not_of_unit_length_are_refused(path):
 def test_memories_of_every_method_are_checked(tmp_path, name):
     """What a run leaves is read; ids that are there twice, and numbers that are none, are not."""
     path, tracker = tmp_path / "memory", Tracker(tracker=name)
-    for index in range(3):
-        tracker.update(*scenes.picture(index))
+    scenes.follow(tracker, range(3))
     tracker.save(path)
     assert load_memory(path).tracker == name
     whole = path.read_bytes()

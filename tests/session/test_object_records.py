@@ -35,8 +35,7 @@ def seen(number: int, ids: list[int]) -> Tracks:
 def saved(tmp_path_factory):
     """A memory of three objects."""
     tracker = Tracker()
-    for index in range(FRAMES):
-        tracker.update(*scenes.picture(index))
+    scenes.follow(tracker, range(FRAMES))
     path = tmp_path_factory.mktemp("memory") / "memory.safetensors"
     tracker.save(path)
     return path
@@ -82,8 +81,7 @@ def test_records_of_a_joined_memory_follow_and_begin_a_session(tracker, tmp_path
     tracker.merge(0, 2)
     tracker.save(tmp_path / "other")
     other = Tracker()
-    for index in range(1, FRAMES + 1):
-        other.update(*scenes.picture(index))
+    scenes.follow(other, range(1, FRAMES + 1))
     other.rename(2, "spoon")
     found = other.join(tmp_path / "other")
     new = [found.ids[one] for one in (0, 1, 2)]
@@ -158,15 +156,12 @@ def test_merged_objects_have_one_id_until_they_are_split(tracker, tmp_path):
 )
 def test_what_is_forgotten_is_new_when_seen_again(method):
     tracker = Tracker(tracker=method)
-    for index in range(FRAMES):
-        before = tracker.update(*scenes.picture(index))
-    known = before.object_id.tolist()
+    known = scenes.follow(tracker, range(FRAMES))[-1].object_id.tolist()
     assert len(set(known)) == 3
     tracker.forget(known[1])
     assert [one.object_id for one in tracker.objects()] == [known[0], known[2]]
     assert known[1] not in np.asarray(tracker.state.objects.id)
-    for index in range(FRAMES, FRAMES + 3):
-        after = tracker.update(*scenes.picture(index)).object_id.tolist()
+    after = scenes.follow(tracker, range(FRAMES, FRAMES + 3))[-1].object_id.tolist()
     assert (after[0], after[2]) == (known[0], known[2])
     assert after[1] not in known
 

@@ -13,8 +13,8 @@ import remind_jax.session.progress
 from remind_jax.session.progress import Progress, RunLine, follow_run
 
 
-def done(num_done: int, num_frames: int | None = 10, ms: float = 12.3) -> Progress:
-    return Progress(num_done, num_frames, ms, 4, 0.25)
+def done(num_done: int, ms: float = 12.3) -> Progress:
+    return Progress(num_done, 10, ms, 4, 0.25)
 
 
 def test_a_frame_that_takes_long_is_reported():

@@ -7,7 +7,7 @@ import importlib.metadata
 import itertools
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +27,12 @@ from remind_jax.outputs.writer import MEMORY_NAME, RunWriter
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress
 from remind_jax.sources import detections_from
-from remind_jax.tracks import Tracks
 from tests.cli import scenes
+from tests.session.test_live import assert_same_answers
 from tests.sources import making
 
 NUM = 6
 PICTURES = [scenes.picture(index) for index in range(NUM)]
-
-
-def assert_same_decisions(ours: Iterable[Tracks], theirs: Iterable[Tracks]) -> None:
-    for a, b in zip(ours, theirs, strict=True):
-        np.testing.assert_array_equal(a.object_id, b.object_id)
-        np.testing.assert_array_equal(a.outcome, b.outcome)
-        np.testing.assert_array_equal(a.score, b.score)
 
 
 def identities(result: Result) -> list[list[int]]:
@@ -138,7 +131,7 @@ def as_detector() -> dict[str, Any]:
 
 @pytest.mark.parametrize("give", [as_arrays, as_iterator, as_frames, as_detector])
 def test_the_form_of_the_input_does_not_matter(whole, give):
-    assert_same_decisions(rj.run(**give()).tracks, whole.tracks)
+    assert_same_answers(rj.run(**give()).tracks, whole.tracks)
 
 
 def test_a_run_folder_says_what_found_the_detections(tmp_path):
@@ -157,7 +150,7 @@ def test_going_on_from_a_memory_file_is_going_on(whole, tmp_path):
         rj.run(PICTURES[3:], memory=memory, out=tmp_path / "first", overwrite=True)
     rest = rj.run(PICTURES[3:], memory=memory)
     assert rest.info.config["static"] == {**first.info.config["static"], "feature_dim": 223}
-    assert_same_decisions((*first.tracks, *rest.tracks), whole.tracks)
+    assert_same_answers((*first.tracks, *rest.tracks), whole.tracks)
 
 
 def test_progress_counts(whole):

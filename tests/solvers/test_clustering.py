@@ -14,32 +14,26 @@ from remind_jax.solvers.clustering_in_graph import _draw_numbers
 
 # Centers are float32 means of unit vectors, added in another order.
 CENTER_ROUNDING = 1e-5
+NUM_POINTS, DIM = 160, 16
 PARTS = {"clusters": 4, "iterations": 5, "restarts": 2, "seed": 0}
 RINGS = {"clusters": 24, "iterations": 10, "restarts": 1, "seed": 1}
 
 
+_solve = jax.jit(kmeans, static_argnames=("solver", *PARTS))
+
+
 def solve(solver, options, points, members, wanted=None):
-    wanted = np.full(len(members), options["clusters"]) if wanted is None else wanted
-    return _SOLVE[solver, options["clusters"]](points, members, wanted)
+    return _solve(points, members, wanted, solver=solver, **options)
 
 
-_SOLVE = {
-    (solver, options["clusters"]): jax.jit(
-        lambda p, m, w, s=solver, o=options: kmeans(p, m, w, solver=s, **o)
-    )
-    for solver in ("host", "jax")
-    for options in (PARTS, RINGS)
-}
-
-
-def make_generic(rng, num_points, dims, num_sets):
+def make_generic(rng, num_sets):
     """Unit vectors without ties, scattered or in clumps; sets from nothing to nearly everything."""
-    points = rng.normal(size=(num_points, dims))
+    points = rng.normal(size=(NUM_POINTS, DIM))
     if rng.random() < 0.5:
-        points = rng.normal(size=(5, dims))[rng.integers(0, 5, num_points)] + 0.2 * points
+        points = rng.normal(size=(5, DIM))[rng.integers(0, 5, NUM_POINTS)] + 0.2 * points
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     share = rng.choice([0.0, 0.03, 0.1, 0.9], (num_sets, 1))
-    return points.astype(np.float32), rng.random((num_sets, num_points)) < share
+    return points.astype(np.float32), rng.random((num_sets, NUM_POINTS)) < share
 
 
 @pytest.mark.parametrize("options", [PARTS, RINGS])
@@ -50,7 +44,7 @@ def make_generic(rng, num_points, dims, num_sets):
 )
 @given(seed=st.integers(0, 2**32 - 1))
 def test_equals_host(x64, options, seed):
-    points, members = make_generic(np.random.default_rng(seed), 160, 16, 6)
+    points, members = make_generic(np.random.default_rng(seed), 6)
     points = points.astype(np.float64)
     twin, host = (solve(solver, options, points, members) for solver in ("jax", "host"))
     assert (twin[0].dtype, twin[1].dtype) == (np.int32, np.float64)
@@ -63,7 +57,7 @@ def test_single_precision_equals_host(options):
     """A point about as near to two centers may go to either: at most 1 of 100 sets has one."""
     num_equal = 0
     for seed in range(50):
-        points, members = make_generic(np.random.default_rng(seed), 160, 16, 6)
+        points, members = make_generic(np.random.default_rng(seed), 6)
         twin, host = (solve(solver, options, points, members) for solver in ("jax", "host"))
         equal = (np.asarray(twin[0]) == np.asarray(host[0])).all(axis=1)
         num_equal += equal.sum()
@@ -74,8 +68,8 @@ def test_single_precision_equals_host(options):
 
 @pytest.mark.parametrize("size", [1, 63, 64, 65, 128, 160])
 def test_sets_fill_one_block_of_rows_or_several(size):
-    points, _ = make_generic(np.random.default_rng(size), 160, 16, 1)
-    members = np.zeros((6, 160), bool)
+    points, _ = make_generic(np.random.default_rng(size), 1)
+    members = np.zeros((6, NUM_POINTS), bool)
     members[0, :size] = True
     members[1:5, 3:9] = True
     labels, _ = solve("jax", PARTS, points, members)
@@ -86,9 +80,9 @@ def test_sets_fill_one_block_of_rows_or_several(size):
 def test_degenerate_sets_equal_host(seed, distinct):
     """At most K distinct whole-number points: distances and means are exact, draws decide."""
     rng = np.random.default_rng(seed)
-    kinds = rng.integers(-3, 4, (distinct, 16))
-    points = kinds[rng.integers(0, distinct, 160)].astype(np.float32)
-    members = rng.random((6, 160)) < rng.choice([0.01, 0.03, 0.5], (6, 1))
+    kinds = rng.integers(-3, 4, (distinct, DIM))
+    points = kinds[rng.integers(0, distinct, NUM_POINTS)].astype(np.float32)
+    members = rng.random((6, NUM_POINTS)) < rng.choice([0.01, 0.03, 0.5], (6, 1))
     labels, centers = solve("jax", PARTS, points, members)
     host_labels, host_centers = solve("host", PARTS, points, members)
     np.testing.assert_array_equal(labels, host_labels)
@@ -96,8 +90,8 @@ def test_degenerate_sets_equal_host(seed, distinct):
 
 
 def test_few_points_get_a_cluster_each():
-    points, _ = make_generic(np.random.default_rng(3), 160, 16, 1)
-    members = np.zeros((6, 160), bool)
+    points, _ = make_generic(np.random.default_rng(3), 1)
+    members = np.zeros((6, NUM_POINTS), bool)
     for size in range(5):
         members[size, 20 : 20 + size] = True
     labels = np.asarray(solve("jax", PARTS, points, members)[0])
@@ -107,7 +101,7 @@ def test_few_points_get_a_cluster_each():
 
 
 def test_every_set_has_its_own_number_of_clusters():
-    points, members = make_generic(np.random.default_rng(4), 160, 16, 6)
+    points, members = make_generic(np.random.default_rng(4), 6)
     members[:] = True
     wanted = np.array([1, 2, 3, 9, 16, 24])
     labels, centers = solve("jax", RINGS, points, members, wanted)
@@ -120,7 +114,7 @@ def test_every_set_has_its_own_number_of_clusters():
 
 def test_batch_equals_host():
     rng = np.random.default_rng(5)
-    cases = [make_generic(rng, 160, 16, 6) for _ in range(8)]
+    cases = [make_generic(rng, 6) for _ in range(8)]
     points, members = map(np.stack, zip(*cases, strict=True))
     host, twin = (
         jax.jit(jax.vmap(lambda p, m, s=solver: kmeans(p, m, **PARTS, solver=s)))(points, members)

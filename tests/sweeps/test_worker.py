@@ -98,25 +98,20 @@ def test_every_setting_gets_its_own_row(staged):
     assert sorted(len(run) for run in staged.runs) == [1, 7, 7]
 
 
-def test_a_memory_that_grew_is_planned_anew(staged):
-    staged.grow_at = 2
-    settings = [{"matching.match": 0.01 * i} for i in range(21)]
-    assert run_all(Worker(CONFIG, 1.0), settings) == settings
-    assert [len(run) for run in staged.runs] == [7, 7, 3, 3, 1]
-
-
-def test_a_batch_that_outgrows_its_memory_is_done_over_in_smaller_ones(staged):
-    staged.grow_at, staged.outgrows = 2, True
-    settings = [{"matching.match": 0.01 * i} for i in range(14)]
-    assert run_all(Worker(CONFIG, 1.0), settings) == settings
-    assert [len(run) for run in staged.runs] == [7, 7, 3, 3, 1]
-
-
-def test_a_batch_that_was_asked_for_stays(staged):
-    staged.grow_at = 1
-    settings = [{"matching.match": 0.01 * i} for i in range(10)]
-    assert run_all(Worker(CONFIG, 1.0, batch=4), settings) == settings
-    assert [len(run) for run in staged.runs] == [4, 4, 2]
+@pytest.mark.parametrize(
+    ("stage", "num", "options", "sizes"),
+    [
+        ({"grow_at": 2}, 21, {}, [7, 7, 3, 3, 1]),
+        ({"grow_at": 2, "outgrows": True}, 14, {}, [7, 7, 3, 3, 1]),  # the second is done over
+        ({"grow_at": 1}, 10, {"batch": 4}, [4, 4, 2]),
+    ],
+    ids=["is planned anew", "is done over in smaller batches", "keeps the batch asked for"],
+)
+def test_a_memory_that_grows(staged, stage, num, options, sizes):
+    vars(staged).update(stage)
+    settings = [{"matching.match": 0.01 * i} for i in range(num)]
+    assert run_all(Worker(CONFIG, 1.0, **options), settings) == settings
+    assert [len(run) for run in staged.runs] == sizes
 
 
 def test_a_program_that_is_there_is_used_again(staged):

@@ -3,7 +3,6 @@
 import dataclasses
 import operator
 import re
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,100 +11,71 @@ import pytest
 from remind_jax.decision import Outcome, Reason
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.memory.objects import Lifecycle
-from tests.explanation.scenes import Known, backed, chain, decide_frame, explain
+from tests.explanation.scenes import chain, decide_frame, explain
+from tests.remind.association.tables import backed
+from tests.remind.undecided.test_examples import EXAMPLES
 
 HOLDS = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
-TWO_BACKED = {0: backed(0.05), 1: backed(0.05)}
 
-
-def said(rows: Sequence[Known], *parts: str, detection: int = 0, **around: Any) -> Any:
-    """Scores per detection, surroundings, a detection, and what its chain must say."""
-    return rows, around, detection, parts
-
-
-# By their number there.
-EXAMPLES = {
-    "2, a lock": said(
-        [{0: 0.91}],
-        "STRONG evidence: 0.91 >= 0.80.",
-        "locked to mug 0",
-        "0.91 >= 0.90",
-        "Matched as mug 0",
+# Of an example, by its number there: a detection, and what its chain must say.
+SAID = {
+    "2, a lock": (
+        0,
+        ["STRONG evidence: 0.91 >= 0.80.", "locked to mug 0", "0.91 >= 0.90", "Matched as mug 0"],
     ),
-    "4, two of a kind": said(
-        [{0: 0.91, 1: 0.85}], "AMBIGUOUS evidence: ahead by 0.06", "Open between mug 0 and mug 1"
+    "4, two of a kind": (
+        0,
+        ["AMBIGUOUS evidence: ahead by 0.06", "Open between mug 0 and mug 1"],
     ),
-    "6, just clear": said(
-        [{0: 0.80, 1: 0.7195}],
-        "it looks most like mug 0 (0.80), then mug 1 (0.72)",
-        "Matched as mug 0",
+    "6, just clear": (
+        0,
+        ["it looks most like mug 0 (0.80), then mug 1 (0.72)", "Matched as mug 0"],
     ),
-    "9, a swap": said(
-        [{0: 0.88, 1: 0.80}, {0: 0.87, 1: 0.76}],
-        "Mug 0, which it looks most like, goes to detection 1",
-        "Detections 0 and 1 could swap their objects, so the match with mug 1 is withdrawn",
+    "9, a swap": (
+        0,
+        [
+            "Mug 0, which it looks most like, goes to detection 1",
+            "Detections 0 and 1 could swap their objects, so the match with mug 1 is withdrawn",
+        ],
     ),
-    "11, a birth beside a match": said(
-        [{0: 0.93}, {0: 0.90}],
-        "claims an object that another holds with nearly",
-        "Open between mug 0 and mug 1",
-        detection=1,
+    "11, a birth beside a match": (
+        1,
+        ["claims an object that another holds with nearly", "Open between mug 0 and mug 1"],
     ),
-    "17, the uncertain gives way": said(
-        [{0: 0.80, 1: 0.79}, {0: 0.79}, {1: 0.95}],
-        "No object is assigned to it: mug 0 goes to detection 1",
-        "A new object: mug 2",
-        lifecycle=Lifecycle.INACTIVE,
+    "17, the uncertain gives way": (
+        0,
+        ["No object is assigned to it: mug 0 goes to detection 1", "A new object: mug 2"],
     ),
-    "18, a near miss": said(
-        [{0: 0.74, 1: 0.50}],
-        "misses the threshold (0.74 < 0.75)",
-        "Probably mug 0, to be confirmed",
+    "18, a near miss": (
+        0,
+        ["misses the threshold (0.74 < 0.75)", "Probably mug 0, to be confirmed"],
     ),
-    "20, a near miss that is taken": said(
-        [{0: 0.95}, {0: 0.74}],
-        "that another detection holds",
-        "Probably new; mug 0 cannot be excluded",
-        detection=1,
+    "20, a near miss that is taken": (
+        1,
+        ["that another detection holds", "Probably new; mug 0 cannot be excluded"],
     ),
-    "21, unlike": said([{0: 0.50}], "mug 0 looks too unlike (0.50 < 0.60)", "A new object: mug 1"),
-    "22, a rescue": said(
-        [{0: 0.66, 1: 0.55}],
-        "although 0.66 < 0.75: with the bonus of +0.10 it reaches 0.76 >= 0.75",
-        context={0: backed(0.10)},
+    "21, unlike": (0, ["mug 0 looks too unlike (0.50 < 0.60)", "A new object: mug 1"]),
+    "22, a rescue": (
+        0,
+        ["although 0.66 < 0.75: with the bonus of +0.10 it reaches 0.76 >= 0.75"],
     ),
-    "23, a penalty": said(
-        [{0: 0.78}],
-        "contradicts mug 0 (-0.05)",
-        "is open, but with context 0.73 < 0.75",
-        context={0: {"bonus_raw": -0.05, "score_sets": -1.0}},
+    "23, a penalty": (0, ["contradicts mug 0 (-0.05)", "is open, but with context 0.73 < 0.75"]),
+    "25, context may not help the strong": (
+        0,
+        ["backs mug 0 (+0.05), but is not allowed to change"],
     ),
-    "25, context may not help the strong": said(
-        [{0: 0.95}, {0: 0.70}],
-        "backs mug 0 (+0.05), but is not allowed to change",
-        context={0: backed(0.05)},
-    ),
-    "28, two backed": said(
-        [{0: 0.66, 1: 0.65}],
-        "Context backs several",
-        "mug 0 (0.71) and mug 1 (0.70)",
-        context=TWO_BACKED,
-    ),
-    "30, no object but two backed": said(
-        [{0: 0.95, 1: 0.30}, {0: 0.80, 1: 0.66}],
-        "mug 0 goes to detection 0",
-        "context backs known ones well enough: mug 0 (0.85)",
-        detection=1,
-        context=TWO_BACKED,
-        lifecycle=Lifecycle.INACTIVE,
+    "28, two backed": (0, ["Context backs several", "mug 0 (0.71) and mug 1 (0.70)"]),
+    "30, no object but two backed": (
+        1,
+        ["mug 0 goes to detection 0", "context backs known ones well enough: mug 0 (0.85)"],
     ),
 }
 
 
-@pytest.mark.parametrize(
-    ("rows", "around", "detection", "expected"), EXAMPLES.values(), ids=EXAMPLES
-)
-def test_worked_examples_are_explained_with_their_numbers(rows, around, detection, expected):
+@pytest.mark.parametrize("name", SAID)
+def test_worked_examples_are_explained_with_their_numbers(name):
+    rows, around, _ = EXAMPLES[name.partition(",")[0]]
+    detection, expected = SAID[name]
     sentences = " ".join(chain(decide_frame(rows, **around), detection))
     for part in expected:
         assert part in sentences

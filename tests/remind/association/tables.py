@@ -1,13 +1,13 @@
 """One frame as a table of channel scores, and what the association decides about it.
 
 Everything between the channel scores and the decisions runs as in `remind_jax.remind.tracker.step`;
-perception, graphs and memory do not. All frames share one compiled program.
+perception, graphs and memory do not. All frames of `decide_frames` share one compiled program.
 """
 
 import dataclasses
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,14 +21,17 @@ from remind_jax.remind.association.channel_scores import ChannelScores, Score
 from remind_jax.remind.association.diagnosis import find_anchors
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import Comparison
+from remind_jax.remind.context.hypotheses import no_hypotheses
 from remind_jax.remind.context.influence import find_supported, no_influence
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.memory.objects import Lifecycle
+from remind_jax.remind.outcome import Intermediates
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.tracker import DescribedFrame, decide_pairs
+from remind_jax.static import Static
 from tests.statics import change_parts, make_static
 
 NUM, SLOTS, PENDING = 5, 8, 1  # detections, objects, undecided tracks
@@ -57,7 +60,7 @@ class Frame:
     channels: ChannelScores  # columns: O objects, P undecided tracks
     quality: Quality
     plausible: Any  # [N, O], not vetoed
-    context: Any  # name -> [O]
+    context: Any  # name -> [O], or of the frame
     influences: Any  # context may change scores
 
 
@@ -112,7 +115,7 @@ def visual_frame(
 
     `rows` gives the scores of each detection by object; pairs that it leaves out score `other`.
     """
-    num_objects = 1 + max(slot for row in rows for slot in row)
+    num_objects = 1 + max((slot for row in rows for slot in row), default=-1)
     frame = empty_frame(len(rows), num_objects)
     value = np.full((NUM, SLOTS + PENDING), other)
     for n, row in enumerate(rows):
@@ -162,8 +165,18 @@ def decide_frames(frames: Sequence[Frame], thresholds: Sequence[Thresholds] = ()
 @jax.jit
 @jax.vmap
 def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
-    t, state = thresholds.as_arrays(STATIC.scalar), init(STATIC)
-    exists = frame.object_class >= 0
+    t = change_parts(thresholds.as_arrays(STATIC.scalar), influence={"enabled": frame.influences})
+    decisions, made_of = decide_one(frame, STATIC, t)
+    comparison, anchors = made_of.table.comparison, made_of.anchors
+    return Verdict(decisions, made_of.stages, comparison, made_of.assignment, anchors)
+
+
+def decide_one(
+    frame: Frame, static: Static, t: Thresholds, veto: Any = 0
+) -> tuple[Decisions, Intermediates]:
+    """Decides a frame; `veto` `[N, O]` says why pairs are ruled out that are."""
+    state = init(static)
+    exists, valid = frame.object_class >= 0, frame.class_id >= 0
     objects = dataclasses.replace(
         state.objects,
         id=jnp.where(exists, jnp.arange(SLOTS, dtype=jnp.int32), -1),
@@ -172,26 +185,27 @@ def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
         age=frame.age,
     )
     state = dataclasses.replace(state, objects=objects, next_id=jnp.sum(exists, dtype=jnp.int32))
-    valid = frame.class_id >= 0
     descriptors: Any = SimpleNamespace(
-        valid=valid, class_id=frame.class_id, num_bad_patches=jnp.int32(0)
+        valid=valid,
+        class_id=frame.class_id,
+        num_bad_patches=jnp.int32(0),
+        patch_sum=jnp.full(NUM, 40.0),
     )
-    masks: Any = SimpleNamespace(valid=valid)
+    masks: Any = SimpleNamespace(valid=valid, detector_score=valid)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(similarity, "compare_channels", lambda *_: frame.channels)
-        comparison = similarity.compare(state, descriptors, frame.quality, STATIC, t)
+        comparison = similarity.compare(state, descriptors, frame.quality, static, t)
     anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
-    felt = dataclasses.replace(no_influence(SLOTS, STATIC.scalar), **frame.context)
-    plausible = comparison.candidate & frame.plausible
-    t = change_parts(t, influence={"enabled": frame.influences})
-    vetoes, nothing = jnp.zeros((NUM, SLOTS), jnp.int32), cast(Any, None)
-    reasoning = Reasoning(felt, plausible, find_supported(felt, t), vetoes, nothing)
+    felt = dataclasses.replace(no_influence(SLOTS, static.scalar), **frame.context)
+    vetoes = jnp.broadcast_to(jnp.int32(veto), (NUM, SLOTS))
+    plausible = comparison.candidate & frame.plausible & (vetoes == 0)
+    sets = no_hypotheses(NUM, SLOTS, static)
+    reasoning = Reasoning(felt, plausible, find_supported(felt, t), vetoes, sets)
+    relations = unrelated(NUM, static.scalar)
     seen = DescribedFrame(descriptors, masks)
-    decisions, made_of = decide_pairs(
-        state, seen, frame.quality, unrelated(NUM, STATIC.scalar), comparison, anchors, reasoning,
-        STATIC, t,
-    )  # fmt: skip
-    return Verdict(decisions, made_of.stages, comparison, made_of.assignment, anchors)
+    return decide_pairs(
+        state, seen, frame.quality, relations, comparison, anchors, reasoning, static, t
+    )
 
 
 def unrelated(num: int, scalar: Any) -> Relations:

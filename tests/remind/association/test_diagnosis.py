@@ -21,11 +21,9 @@ def table(*rows: list[float]) -> tuple[np.ndarray, np.ndarray]:
     return scores, counted
 
 
-def look(
-    *scores: float, num_terms: int = 1, margin: str = "sigmoid", **changed: object
-) -> Evidence:
+def look(*scores: float, num_terms: int = 1, **changed: object) -> Evidence:
     t = jax.tree.map(jnp.asarray, dataclasses.replace(Diagnosis(), **changed))  # pyright: ignore[reportArgumentType]
-    evidence = DIAGNOSE(*table(list(scores)), np.array([num_terms], np.int32), margin, t)
+    evidence = DIAGNOSE(*table(list(scores)), np.array([num_terms], np.int32), "sigmoid", t)
     return jax.tree.map(lambda leaf: leaf[0].item(), evidence)
 
 

@@ -13,6 +13,7 @@ import pytest
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.quality import Quality, assess
 from remind_jax.remind.thresholds.association import Similarity
+from tests.statics import only
 
 ASSESS = jax.jit(assess)
 GOOD = {
@@ -29,8 +30,7 @@ def rate(t: Similarity = THRESHOLDS, **seen: float) -> Quality:
     row = {name: np.array([value]) for name, value in {**GOOD, **seen}.items()}
     rings = np.stack([row.pop("inner"), row.pop("outer")], axis=1)
     row = {n: v.astype(np.int32 if n.startswith("num") else np.float32) for n, v in row.items()}
-    absent = {field.name: None for field in dataclasses.fields(Descriptors)}
-    descriptors = Descriptors(**{**absent, **row, "ring_patches": rings.astype(np.int32)})  # pyright: ignore[reportArgumentType]
+    descriptors = only(Descriptors, **row, ring_patches=rings.astype(np.int32))
     return jax.tree.map(lambda leaf: float(leaf[0]), ASSESS(descriptors, t))
 
 

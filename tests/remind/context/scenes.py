@@ -21,7 +21,7 @@ from remind_jax.remind.memory.cooccurrence import conditional, empty_cooccurrenc
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
 from tests.golden.load import load_cases
-from tests.statics import change_parts, make_static
+from tests.statics import change_parts, make_static, only
 
 NUM, SLOTS = 12, 32  # detections and object slots of a scene
 STATIC = make_static(num_detections=NUM, num_objects=SLOTS, precision="float64")
@@ -56,20 +56,10 @@ def thresholds(**changed: dict[str, Any]) -> Thresholds:
     return change_parts(Thresholds(), **changed).as_arrays(STATIC.scalar)
 
 
-def view_of(
-    shares: Any,
-    *,
-    exists: Any = None,
-    object_class: Any = None,
-    anchors: Any = None,
-    detections: Any = (None, None, None),
-    **graph: Any,
-) -> FrameView:
-    """A view of which only the conditional probabilities matter, unless more is given."""
+def view_of(shares: Any, **graph: Any) -> FrameView:
+    """A view of which only the conditional probabilities matter, and what is given of the graph."""
     empty = empty_cooccurrence(len(shares), np.dtype("float64"))
-    return FrameView(
-        dataclasses.replace(empty, **graph), shares, exists, object_class, anchors, *detections
-    )
+    return only(FrameView, graph=dataclasses.replace(empty, **graph), conditional=shares)
 
 
 def read_view(scene: Scene, t: Thresholds, static: Static) -> FrameView:
@@ -96,20 +86,18 @@ def read_view(scene: Scene, t: Thresholds, static: Static) -> FrameView:
     )
 
 
-def read_context(scene: Scene, t: Thresholds, static: Static) -> Reasoning:
+@jax.jit
+def read(scene: Scene, t: Thresholds) -> Reasoning:
     """The whole package on one scene."""
-    view = read_view(scene, t, static)
+    view = read_view(scene, t, STATIC)
     candidate = scene.det_class[:, None] == scene.object_class
     candidate = candidate & view.det_valid[:, None] & view.exists
-    return reason(view, candidate, scene.score.astype(static.scalar), static, t)
+    return reason(view, candidate, scene.score.astype(STATIC.scalar), STATIC, t)
 
 
-_read = jax.jit(read_context, static_argnames="static")
-
-
-def read_on(scene: Scene, static: Static = STATIC, **changed: dict[str, Any]) -> Reasoning:
+def read_on(scene: Scene, **changed: dict[str, Any]) -> Reasoning:
     """The whole package on one scene, on the host; thresholds as in `thresholds`."""
-    return jax.device_get(_read(scene, thresholds(**changed), static))
+    return jax.device_get(read(scene, thresholds(**changed)))
 
 
 def example() -> Scene:

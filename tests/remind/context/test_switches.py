@@ -19,7 +19,7 @@ from remind_jax.remind.context.veto import expect_neighbors
 from tests.golden.load import load_cases, load_expected
 from tests.statics import change_static
 
-from .scenes import STATIC, Scene, list_scenes, read_context, read_view
+from .scenes import STATIC, Scene, list_scenes, read, read_view
 
 pytestmark = pytest.mark.usefixtures("x64")
 ROUNDING = 1e-12  # float64 sums and products of some tens of numbers below 1
@@ -51,12 +51,9 @@ def configure(settings: dict[str, Any]) -> Config:
     return Config.from_reference(nest(settings))
 
 
-_think = jax.jit(read_context, static_argnames="static")
-
-
 def answer_on(scene: Scene, settings: dict[str, Any]) -> dict[str, np.ndarray]:
     t = configure(settings).thresholds.as_arrays(STATIC.scalar)
-    found = jax.device_get(_think(scene, t, STATIC))
+    found = jax.device_get(read(scene, t))
     told = {f"hyp_{name}": value for name, value in vars(found.hypotheses).items()}
     return {**told, **vars(found.influence), "veto": found.veto}
 

@@ -16,7 +16,7 @@ from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.prototypes import empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from tests.golden import load
-from tests.statics import change_parts, make_static
+from tests.statics import change_parts, make_static, only
 
 pytestmark = pytest.mark.usefixtures("x64")
 DIM = 4
@@ -188,7 +188,6 @@ CHANNELS = {
 
 def descriptors_of(num: int, **fields) -> Descriptors:
     """Descriptors of `num` detections with nothing in them but the given fields."""
-    absent: dict[str, Any] = {field.name: None for field in dataclasses.fields(Descriptors)}
     empty = {
         "appearance": np.zeros((num, 2, DIM), np.float32),
         "appearance_valid": np.zeros((num, 2), bool),
@@ -198,7 +197,7 @@ def descriptors_of(num: int, **fields) -> Descriptors:
         "ring_patches": np.zeros((num, 2), np.int32),
         "mask_quality": np.ones(num),
     }
-    return Descriptors(**{**absent, **empty, **fields})
+    return only(Descriptors, **{**empty, **fields})
 
 
 @functools.partial(jax.jit, static_argnames=("observe", "static"))

@@ -29,15 +29,15 @@ def _order(graph):
     return ranked_neighbors(rank_neighbors(graph, "weight"), 20)
 
 
-def show(graph, frame, visible, *, slots=8, static=None, rules=None, allowed=None, ids=None):
-    """Shows a frame with the given objects, one detection each; ids are the slots unless given."""
+def show(graph, frame, visible, *, slots=8, rules=None, allowed=None):
+    """Shows a frame with the given objects, one detection each; ids are the slots."""
     slot = np.full(slots, graph.episodes.shape[0], np.int32)
     slot[: len(visible)] = visible
     allowed = np.ones(slots, bool) if allowed is None else np.isin(slot, allowed)
     sightings = _sightings(slot, np.arange(slots), allowed, graph.episodes)
-    ids = np.arange(graph.episodes.shape[0]) if ids is None else np.asarray(ids, np.int32)
+    ids = np.arange(graph.episodes.shape[0])
     rules = Thresholds(cooccurrence=rules or Cooccurrence()).as_arrays().cooccurrence
-    return _update(graph, sightings, ids, jnp.int32(frame), static or make_static(), rules)[0]
+    return _update(graph, sightings, ids, jnp.int32(frame), make_static(), rules)[0]
 
 
 def edges(graph, owner=0):

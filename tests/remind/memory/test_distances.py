@@ -24,7 +24,7 @@ from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.relations import Cooccurrence
 from remind_jax.remind.thresholds.relations import Relations as Rules
 from tests.remind.disambiguation.scenes import relations_of
-from tests.statics import make_static
+from tests.statics import make_static, only
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "graphs" / "layout_graph_alt.npz"
 
@@ -90,14 +90,11 @@ def test_chairs_and_lamp_of_the_page(x64):
         box = np.array([(x, 100, x + 40, 140) for x in (20, 100, 180 + shift)], float)
         for mask, (left, _, right, _) in zip(pixels, box.astype(int), strict=True):
             mask[100:140, left:right] = True
-        unused, area = np.zeros(3), np.full(3, 1600.0)
+        area = np.full(3, 1600.0)
         ends = [find_row_ends(mask) for mask in pixels]
-        masks = Masks(
-            coverage=unused, filled_coverage=unused, quality=unused, box=box,
-            center=(box[:, :2] + box[:, 2:] - 1) / 2, area=area, class_id=unused,
-            detector_score=unused, relations=relate_masks(pixels, box, area, ends, num_slots=3),
-            valid=np.ones(3, bool),
-        )  # fmt: skip
+        relations = relate_masks(pixels, box, area, ends, num_slots=3)
+        center, valid = (box[:, :2] + box[:, 2:] - 1) / 2, np.ones(3, bool)
+        masks = only(Masks, box=box, center=center, area=area, relations=relations, valid=valid)
         neighbors, graph = step(neighbors, graph, masks, jnp.int32(frame))
 
     edges = graph.edges
@@ -185,10 +182,7 @@ def test_graphs_of_the_original(x64):
     def step(graphs, frame):
         neighbors, graph = graphs
         at, found, box, center, area, relations = frame
-        unused = jnp.zeros(num)
-        masks = Masks(
-            unused, unused, unused, box, center, area, unused, unused, relations, area > 0
-        )
+        masks = only(Masks, box=box, center=center, area=area, relations=relations, valid=area > 0)
         seen = gather_sightings(found, jnp.arange(num), jnp.ones(num, bool), slots)
         neighbors, accepted = update_cooccurrence(
             neighbors, seen, jnp.arange(slots, dtype=jnp.int32), at, static, rules.cooccurrence

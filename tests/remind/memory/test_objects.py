@@ -21,11 +21,11 @@ def rules(**changes):
     return Thresholds(lifecycle=Rules(**changes)).as_arrays(jnp.float32).lifecycle
 
 
-def born(*class_ids, static=STATIC, next_id=0):
+def born(*class_ids):
     """Objects created by one frame, in detection order."""
     ids = jnp.array([*class_ids, *[0] * (3 - len(class_ids))], jnp.int32)
     is_new = jnp.arange(3) < len(class_ids)
-    return create_objects(init(static).objects, ids, is_new, jnp.int32(next_id))
+    return create_objects(init(STATIC).objects, ids, is_new, jnp.int32(0))
 
 
 def standing(objects, slot=0):
@@ -36,10 +36,6 @@ def standing(objects, slot=0):
 
 def only(slot=0):
     return jnp.arange(STATIC.num_objects) == slot
-
-
-def once(slot=0):
-    return only(slot).astype(jnp.int32)
 
 
 def test_creation_takes_slots_and_ids_in_detection_order():

@@ -4,13 +4,13 @@ import pytest
 
 from remind_jax.config import Config
 from remind_jax.masks.reduction import reduce_masks
-from remind_jax.observation import FrameFeats, MaskRelations, Masks
+from remind_jax.observation import FrameFeats, Masks
 from remind_jax.remind.perception.description import describe
 from remind_jax.remind.perception.rings import INNER, OUTER
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.perception import Perception
 from tests.golden import load
-from tests.statics import change_static, make_static
+from tests.statics import change_static, make_static, only
 
 GRID, DIM, SLOTS = (8, 10), 8, 3
 STATIC = make_static(num_detections=SLOTS, feature_dim=DIM)
@@ -18,26 +18,18 @@ GLOBAL, TRIMMED = 0, 1
 DESCRIBE = jax.jit(describe, static_argnames="static")
 
 
-def describe_frame(features, coverage, filled=None, quality=None, static=STATIC, **changes):
+def describe_frame(features, coverage, filled=None, **changes):
     coverage = np.asarray(coverage, np.float32)
     num = len(coverage)
-    masks = Masks(
+    masks = only(
+        Masks,
         coverage=coverage,
         filled_coverage=coverage if filled is None else np.asarray(filled, np.float32),
-        quality=np.ones(num) if quality is None else np.asarray(quality, float),
-        box=np.zeros((num, 4)),
-        center=np.zeros((num, 2)),
-        area=np.ones(num),
+        quality=np.ones(num),
         class_id=np.arange(num, dtype=np.int32),
-        detector_score=np.ones(num, np.float32),
-        relations=MaskRelations(
-            gap_px=np.zeros((num, num)),
-            exact=np.zeros((num, num), bool),
-            touches_border=np.zeros(num, bool),
-        ),
         valid=coverage.any(axis=(1, 2)),
     )
-    return describe_masks(features, masks, static, **changes)
+    return describe_masks(features, masks, **changes)
 
 
 def describe_masks(features, masks, static=STATIC, **changes):
@@ -46,13 +38,13 @@ def describe_masks(features, masks, static=STATIC, **changes):
     return jax.tree.map(np.asarray, DESCRIBE(feats, masks, static=static, thresholds=rules))
 
 
-def random_features(seed=0, grid=GRID):
-    return np.random.default_rng(seed).standard_normal((*grid, DIM)).astype(np.float32)
+def random_features():
+    return np.random.default_rng(0).standard_normal((*GRID, DIM)).astype(np.float32)
 
 
-def one_block(rows=slice(2, 6), columns=slice(3, 7), value=1.0):
+def one_block(value=1.0):
     coverage = np.zeros((SLOTS, *GRID), np.float32)
-    coverage[0, rows, columns] = value
+    coverage[0, 2:6, 3:7] = value
     return coverage
 
 

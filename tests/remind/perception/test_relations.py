@@ -6,6 +6,7 @@ import pytest
 from remind_jax.observation import MaskRelations, Masks
 from remind_jax.remind.perception.relations import Contact, observe_relations
 from remind_jax.remind.thresholds.relations import Relations as Rules
+from tests.statics import only
 
 FLOAT32 = 3e-6  # of coordinates in the hundreds, normalized by at least 40
 _observe = jax.jit(observe_relations)
@@ -16,22 +17,17 @@ def observe(boxes, gap_px=None, areas=None, centers=None, border=None, **rules):
     boxes = np.array(boxes, float)
     num = len(boxes)
     size = boxes[:, 2:] - boxes[:, :2]
-    unused = np.zeros(num)
     exact = np.zeros((num, num), bool) if gap_px is None else np.isfinite(gap_px)
     relations = MaskRelations(
         gap_px=np.where(exact, gap_px if gap_px is not None else 0.0, 0.0),
         exact=exact,
         touches_border=np.zeros(num, bool) if border is None else np.array(border),
     )
-    masks = Masks(
-        coverage=unused,
-        filled_coverage=unused,
-        quality=unused,
+    masks = only(
+        Masks,
         box=boxes,
         center=(boxes[:, :2] + boxes[:, 2:] - 1) / 2 if centers is None else np.array(centers),
         area=size.prod(axis=1) if areas is None else np.array(areas, float),
-        class_id=unused,
-        detector_score=unused,
         relations=relations,
         valid=np.ones(num, bool),
     )

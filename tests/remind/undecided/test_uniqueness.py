@@ -21,14 +21,14 @@ def scored(monkeypatch):
     monkeypatch.setattr(competition, "temporal_score", lambda account, members: account.score)
 
 
-def withdraw(slot, score, plausible=None, final=None, enabled=True, most=3) -> Any:
+def withdraw(slot, score, plausible=None, final=None, enabled=True) -> Any:
     plausible = np.ones((NUM, SLOTS), bool) if plausible is None else plausible
     account: Any = SimpleNamespace(
         plausible=plausible,
         score=np.zeros((NUM, SLOTS)) if final is None else final,
         thresholds=SimpleNamespace(
             matching=SimpleNamespace(one_detection_each=np.array(enabled)),
-            ambiguous=SimpleNamespace(max_candidates=np.array(most)),
+            ambiguous=SimpleNamespace(max_candidates=np.array(3)),
         ),
     )
     return competition.withdraw_second_claims(account, np.asarray(slot), np.asarray(score))
