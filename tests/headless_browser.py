@@ -10,6 +10,9 @@ from typing import Any
 import pytest
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+waiting = pytest.importorskip("selenium.webdriver.support.ui")
+ActionChains, Keys = webdriver.ActionChains, webdriver.Keys
+Select, WebDriverWait = waiting.Select, waiting.WebDriverWait
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 CHROMEDRIVER = shutil.which("chromedriver")
@@ -53,8 +56,6 @@ def open_browser(profile: Path) -> Iterator[Any]:
 
 def wait_for(browser: Any, condition: str) -> None:
     """Until an expression of the page is true."""
-    from selenium.webdriver.support.ui import WebDriverWait
-
     script = f"return Boolean({condition})"
     WebDriverWait(browser, 30, 0.05).until(lambda b: b.execute_script(script))
 

@@ -39,7 +39,6 @@ def spoilt(tmp_path):
         path = write(tmp_path / "spoilt.safetensors", header, data(content))
         with pytest.raises(WeightsError) as caught:
             load_weights(path, expected)
-        assert "\n" not in str(caught.value)
         return str(caught.value)
 
     return spoil
@@ -157,7 +156,6 @@ class TestFinding:
         with pytest.raises(WeightsError) as caught:
             find_weights(name, None)
         message = str(caught.value)
-        assert "\n" not in message
         assert ("DINOv3 License" if name.startswith("dinov3") else "Apache-2.0") in message
         assert "https://" in message
         assert "remind convert" in message

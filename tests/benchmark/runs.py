@@ -1,11 +1,8 @@
 """Runs of a benchmark for tests."""
 
-from typing import TypeVar
-
 from remind_jax.benchmark.contenders import make_contenders
 from remind_jax.benchmark.running import run_all
 
-T = TypeVar("T")
 METHODS = ("bank", "iou")  # quick to compile
 
 
@@ -18,9 +15,3 @@ def run(setup, scenes, methods=METHODS):
             new.append((record.scene, record.contender))
 
     return run_all(setup, scenes, make_contenders(methods), report), new
-
-
-def given(value: T | None) -> T:
-    """What must be there."""
-    assert value is not None
-    return value

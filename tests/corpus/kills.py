@@ -39,7 +39,6 @@ class Kind:
     """A command that can be killed."""
 
     words: tuple[str, ...]  # before the folder
-    out_flag: str
     progress: str  # below the folder: the file whose lines are counted
     compare: Callable[[Path, Path], list[str]]  # what differs
     again: tuple[str, ...] = ()  # words that go on
@@ -88,7 +87,7 @@ def compare_sweeps(one: Path, other: Path) -> list[str]:
 
 
 def _run_kind(*words: str) -> Kind:
-    return Kind(("run", "SCENE", *words), "--out", "detections.jsonl", compare_runs, ("--resume",))
+    return Kind(("run", "SCENE", *words), "detections.jsonl", compare_runs, ("--resume",))
 
 
 KINDS: dict[str, Kind] = {
@@ -102,7 +101,6 @@ KINDS: dict[str, Kind] = {
             *("sweep", "SCENE", "--set", "decision.new=0.5:2.5:0.25"),
             *("--batch", "1", "--max-frames", "8"),
         ),
-        "--out",
         "rows.jsonl",
         compare_sweeps,
     ),
@@ -180,7 +178,7 @@ class Course:
         return self._undisturbed[name]
 
     def _start(self, kind: Kind, out: Path) -> subprocess.Popen[str]:
-        return self.start(*kind.words, kind.out_flag, out, "--quiet", *kind.again)
+        return self.start(*kind.words, "--out", out, "--quiet", *kind.again)
 
     def start(self, *words: object) -> subprocess.Popen[str]:
         """Starts a command; the word SCENE is the folder of the scene."""

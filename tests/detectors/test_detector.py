@@ -88,7 +88,6 @@ def test_an_unknown_network_is_told_what_is_known(tmp_path):
     assert "echo [1, 3, 96, 128]" in message
     assert "YOLO-seg [1, 4+C+M, A]" in message
     assert "RF-DETR-seg dets [1, Q, 4]" in message
-    assert "\n" not in message
 
 
 def test_inputs_other_than_one_rgb_image_are_refused(tmp_path):

@@ -25,10 +25,10 @@ def picture(index: int, size: tuple[int, int] = SIZE) -> np.ndarray:
     return image
 
 
-def encode_image(suffix: str, image: np.ndarray) -> bytes:
-    """A picture, RGB or gray, as a file holds it."""
+def encode_image(suffix: str, image: np.ndarray, options: Sequence[int] = ()) -> bytes:
+    """A picture, RGB or gray, as a file holds it; options are those of OpenCV."""
     bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
-    ok, data = cv2.imencode(suffix, bgr)
+    ok, data = cv2.imencode(suffix, bgr, options)
     assert ok
     return data.tobytes()
 
