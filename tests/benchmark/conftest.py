@@ -1,14 +1,14 @@
 """A data set of two tiny tours, on disk."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.benchmark.running import Setup
-from remind_jax.synthetic import SceneOptions, make_scene, write_davis
-
-FRAMES = 8
+from remind_jax.synthetic import make_scene, write_davis
+from tests.synthetic.conftest import TINY
 
 
 @pytest.fixture(scope="session")
@@ -16,16 +16,7 @@ def dataset(tmp_path_factory) -> Path:
     """Two scenes, named like tours, in the DAVIS layout."""
     folder = tmp_path_factory.mktemp("dataset")
     for seed, name in enumerate(("alike-1", "light-1")):
-        options = SceneOptions(
-            name=name,
-            seed=seed,
-            frames=FRAMES,
-            absence_frames=3,
-            width=128,
-            height=96,
-            objects_per_room=3,
-            min_mask_px=20,
-        )
+        options = dataclasses.replace(TINY, name=name, seed=seed, num_rooms=2, frames=8)
         write_davis(make_scene(options), folder / name)
     return folder
 

@@ -37,11 +37,7 @@ def masks_of(labels: np.ndarray) -> np.ndarray:
 
 
 def write_scene(
-    folder: Path,
-    num: int = 4,
-    *,
-    seen: dict[int, tuple[int, ...]] | None = None,
-    classes: dict[int, str] = CLASSES,
+    folder: Path, num: int = 4, *, seen: dict[int, tuple[int, ...]] | None = None
 ) -> tuple[Path, Path]:
     """Writes `images/` and `masks/` with metadata; returns both folders.
 
@@ -52,6 +48,6 @@ def write_scene(
         image, labels = picture(index, (seen or {}).get(index, FIRST_THREE))
         making.write_image(images / f"{index:04d}.png", image)
         making.write_image(masks / f"{index:04d}.png", labels)
-    names = {str(instance): name for instance, name in classes.items()}
+    names = {str(instance): name for instance, name in CLASSES.items()}
     (masks / "metadata.json").write_text(json.dumps({"id_to_class": names}))
     return images, masks

@@ -164,8 +164,8 @@ def test_none_detectors_and_nonsense():
         as_detector(3)
 
 
-def square(size: int, top: int, left: int, shape: tuple[int, int] = (20, 30)) -> np.ndarray:
-    mask = np.zeros(shape, bool)
+def square(size: int, top: int, left: int) -> np.ndarray:
+    mask = np.zeros((20, 30), bool)
     mask[top : top + size, left : left + size] = True
     return mask
 

@@ -25,9 +25,9 @@ KINDS = {
 }
 
 
-def encoded(kind: str, height: int = 7, width: int = 19) -> bytes:
+def encoded(kind: str) -> bytes:
     suffix, options = KINDS[kind]
-    return making.encode_image(suffix, making.picture(1, (height, width)), options)
+    return making.encode_image(suffix, making.picture(1, (7, 19)), options)
 
 
 def refuse(data: bytes) -> None:

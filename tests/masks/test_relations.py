@@ -11,8 +11,8 @@ from remind_jax.masks.run_length import encode_masks
 FLOAT32_STEPS = 1e-4  # px; OpenCV adds up to 200 steps of 0.955 or 1.3693 in float32
 
 
-def rectangle(left, top, right, bottom, width=300, height=200):
-    mask = np.zeros((height, width), bool)
+def rectangle(left, top, right, bottom):
+    mask = np.zeros((200, 300), bool)
     mask[top:bottom, left:right] = True
     return mask
 

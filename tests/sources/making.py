@@ -77,8 +77,8 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-def palette_png(pixels: np.ndarray, depth: int = 8) -> bytes:
-    return png(pixels, depth, color_type=3, num_colors=2**depth)
+def palette_png(pixels: np.ndarray) -> bytes:
+    return png(pixels, 8, color_type=3, num_colors=2**8)
 
 
 def instance_map(size: tuple[int, int] = SIZE, ids: tuple[int, ...] = (1, 2)) -> np.ndarray:
@@ -121,7 +121,6 @@ def write_video(
     path: Path,
     num: int = 20,
     codec: str = "libx264",
-    fps: int = 10,
     times: Sequence[int] | None = None,
     *,
     make: Callable[[int], np.ndarray] = picture,
@@ -129,13 +128,13 @@ def write_video(
     **options: str,
 ) -> None:
     with av.open(str(path), "w", options=options) as container:
-        stream: Any = container.add_stream(codec, rate=fps)
+        stream: Any = container.add_stream(codec, rate=10)
         stream.height, stream.width = make(0).shape[:2]
         stream.pix_fmt, stream.gop_size = pixels, 5
         for index in range(num):
             frame = av.VideoFrame.from_ndarray(make(index), format="rgb24")
             if times is not None:
-                frame.pts, frame.time_base = times[index], Fraction(1, fps)
+                frame.pts, frame.time_base = times[index], Fraction(1, 10)
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
 
