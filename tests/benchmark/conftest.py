@@ -1,4 +1,4 @@
-"""A data set of two tiny tours, on disk."""
+"""A data set of two tiny tours, on disk, and runs of methods on it."""
 
 import dataclasses
 from pathlib import Path
@@ -6,9 +6,12 @@ from pathlib import Path
 import pytest
 
 from remind_jax.backbone.registry import get_backbone
-from remind_jax.benchmark.running import Setup
+from remind_jax.benchmark.contenders import make_contenders
+from remind_jax.benchmark.running import Setup, run_all
 from remind_jax.synthetic import make_scene, write_davis
 from tests.synthetic.conftest import TINY
+
+METHODS = ("bank", "iou")  # quick to compile
 
 
 @pytest.fixture(scope="session")
@@ -28,3 +31,14 @@ def setup(tmp_path) -> Setup:
         backbone=get_backbone("patch-statistics"),
         feature_cache=tmp_path / "features",
     )
+
+
+def run(setup, scenes, methods=METHODS):
+    """Records, and the runs that were not there yet."""
+    new = []
+
+    def report(record, was_there):
+        if not was_there:
+            new.append((record.scene, record.contender))
+
+    return run_all(setup, scenes, make_contenders(methods), report), new

@@ -10,8 +10,7 @@ from remind_jax.benchmark.running import peak_rss_mib, reset_peak
 from remind_jax.benchmark.scenes import find_scenes
 from remind_jax.benchmark.scoring import read_truth, score, score_scene
 from remind_jax.benchmark.tables import list_failures, make_tables
-
-from .runs import METHODS, run
+from tests.benchmark.conftest import METHODS, run
 
 
 def test_results_are_kept_and_nothing_is_done_twice(setup, dataset, monkeypatch):

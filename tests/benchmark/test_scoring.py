@@ -10,8 +10,7 @@ from remind_jax.benchmark.scoring import read_truth, score, summarize
 from remind_jax.metrics import evaluate_tracks
 from remind_jax.outputs.result import Result
 from remind_jax.session import announcement
-
-from .runs import run
+from tests.benchmark.conftest import run
 
 
 def test_scores_are_those_of_the_run(setup, dataset):

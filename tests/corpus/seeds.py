@@ -18,18 +18,21 @@ from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.baselines.bank import METHOD
 from remind_jax.cli import process
 from remind_jax.cli.main import main
+from remind_jax.detectors import as_detector
 from remind_jax.outputs.store import DETECTIONS_NAME, RUN_NAME
 from remind_jax.outputs.writer import TRACE_NAME
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
 from tests.backbone.networks import converted_file
 from tests.cli import scenes
-from tests.corpus import binary_seeds
-from tests.corpus.binary_seeds import NUM_FRAMES
+from tests.detectors.onnx_bytes import write_fixed_answer
 from tests.formats import scenes as tracks
 from tests.outputs.fake_run import make_run
 from tests.outputs.traced_run import make_plus_run, make_traced_run
-from tests.sources.making import run_lengths
+from tests.sources.making import run_lengths, write_image, write_video
 from weights_convert.stored_tensors import open_source as open_weights
+
+NUM_FRAMES = 3
+_SIDE_PX = 96  # of videos
 
 
 class Refused(Exception):
@@ -237,6 +240,45 @@ def _weights(folder: Path) -> Path:
     return path
 
 
+def _pictures(suffix: str) -> Callable[[Path], Path]:
+    """A folder of pictures of a kind; the first is changed."""
+
+    def write(folder: Path) -> Path:
+        for index in range(NUM_FRAMES):
+            path = folder / "images" / f"{index:04d}{suffix}"
+            write_image(path, scenes.picture(index)[0])
+        return folder / "images" / f"0000{suffix}"
+
+    return write
+
+
+def _video(name: str, codec: str, pixels: str) -> Callable[[Path], Path]:
+    """A video of a kind."""
+
+    def make(index: int) -> np.ndarray:
+        return np.ascontiguousarray(scenes.picture(index)[0][:_SIDE_PX, :_SIDE_PX])
+
+    def write(folder: Path) -> Path:
+        write_video(folder / name, NUM_FRAMES, codec, make=make, pixels=pixels)
+        return folder / name
+
+    return write
+
+
+def _detector(folder: Path) -> Path:
+    """A YOLO-seg network that finds one thing wherever it looks."""
+    rows = np.zeros((1, 4 + 2 + 4, 84), np.float32)
+    rows[0, :4, 0], rows[0, 4, 0], rows[0, 6:, 0] = (32, 32, 20, 20), 0.9, 1
+    answers = {"output0": rows, "output1": np.ones((1, 4, 16, 16), np.float32)}
+    metadata = {"names": "{0: 'cup', 1: 'tv'}", "imgsz": "[64, 64]", "stride": "32"}
+    return write_fixed_answer(folder / "network.onnx", answers, (1, 3, 64, 64), metadata)
+
+
+def _detect(path: Path) -> None:
+    """Finds things in one frame."""
+    as_detector(path)(scenes.picture(0)[0])
+
+
 def _index_of_shards(folder: Path) -> Path:
     (folder / "model.safetensors").write_bytes(converted_file("dino_tiny").read_bytes())
     names = dict.fromkeys(("cls_token", "norm.bias"), "model.safetensors")
@@ -279,15 +321,13 @@ FORMATS: dict[str, Format] = {
             scene_beside(path), masks=path.with_name("results.json"), metadata=path
         ),
     ),
-    "detector": Format("header", binary_seeds.detector, binary_seeds.detect),
+    "detector": Format("header", _detector, _detect),
     **{
-        f"{suffix} picture": Format(
-            "header", binary_seeds.pictures(suffix), lambda path: _look_at(path.parent)
-        )
+        f"{suffix} picture": Format("header", _pictures(suffix), lambda path: _look_at(path.parent))
         for suffix in (".png", ".jpg", ".webp", ".bmp", ".tiff")
     },
     **{
-        f"{name} video": Format("header", binary_seeds.video(name, codec, pixels), _look_at)
+        f"{name} video": Format("header", _video(name, codec, pixels), _look_at)
         for name, codec, pixels in (
             ("v.mp4", "libx264", "yuv420p"),
             ("v.avi", "mjpeg", "yuvj420p"),
