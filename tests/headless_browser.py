@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-waiting = pytest.importorskip("selenium.webdriver.support.ui")
-ActionChains, Keys = webdriver.ActionChains, webdriver.Keys
-Select, WebDriverWait = waiting.Select, waiting.WebDriverWait
+from selenium.webdriver import ActionChains as ActionChains  # noqa: E402  (may be absent)
+from selenium.webdriver import Keys as Keys  # noqa: E402
+from selenium.webdriver.support.ui import Select as Select  # noqa: E402
+from selenium.webdriver.support.ui import WebDriverWait  # noqa: E402
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 CHROMEDRIVER = shutil.which("chromedriver")
