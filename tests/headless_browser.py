@@ -10,6 +10,10 @@ from typing import Any
 import pytest
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+from selenium.webdriver import ActionChains as ActionChains  # noqa: E402  (may be absent)
+from selenium.webdriver import Keys as Keys  # noqa: E402
+from selenium.webdriver.support.ui import Select as Select  # noqa: E402
+from selenium.webdriver.support.ui import WebDriverWait  # noqa: E402
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 CHROMEDRIVER = shutil.which("chromedriver")
@@ -53,8 +57,6 @@ def open_browser(profile: Path) -> Iterator[Any]:
 
 def wait_for(browser: Any, condition: str) -> None:
     """Until an expression of the page is true."""
-    from selenium.webdriver.support.ui import WebDriverWait
-
     script = f"return Boolean({condition})"
     WebDriverWait(browser, 30, 0.05).until(lambda b: b.execute_script(script))
 

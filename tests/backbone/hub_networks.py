@@ -22,14 +22,9 @@ from tests.weights_convert.pth_files import write_pth
 from weights_convert.conversion import convert
 from weights_convert.variant_detection import Wishes
 
-NAME, REPOSITORY, REVISION = (
-    "dinov2-test",
-    "facebook/test",
-    "0123456789abcdef0123456789abcdef01234567",
-)
+NAME, REPOSITORY = "dinov2-test", "facebook/test"
+REVISION = "0123456789abcdef0123456789abcdef01234567"
 FILE, PLAIN = "model.safetensors", "https://authors/test_pretrain.pth"
-
-
 _DOWNLOAD = inspect.signature(huggingface_hub.hf_hub_download)
 
 

@@ -16,7 +16,6 @@ def draw(*shape: int) -> jax.Array:
 
 
 soft_bins = jax.jit(ch.soft_bins, static_argnums=(1, 2, 3))
-soft_bins_periodic = jax.jit(ch.soft_bins_periodic, static_argnums=1)
 joint_histogram = jax.jit(ch.joint_histogram)
 
 

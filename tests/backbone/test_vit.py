@@ -94,7 +94,6 @@ def test_attention_of_objects_is_the_block_of_the_whole_map(stem):
     tokens = run(weights, network.image(size), objects=chosen)
     assert difference(tokens, network, size) < OUTPUTS
     among = tokens.object_attention
-    assert among is not None
     slots, patches = np.array([0, 2, 3, 4]), chosen[0, [0, 2, 3, 4]]
     block = np.asarray(among.block[0])
     assert np.abs(block[np.ix_(slots, slots)] - whole[np.ix_(patches, patches)]).max() < ATTENTION

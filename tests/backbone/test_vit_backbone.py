@@ -133,7 +133,6 @@ def temporary_mib(num_objects: int) -> float:
         return tokens.patches, tokens.object_attention
 
     usage = jax.jit(forward).lower(params, image, objects).compile().memory_analysis()
-    assert usage is not None
     return (usage.temp_size_in_bytes + usage.output_size_in_bytes) / MIB
 
 

@@ -33,13 +33,12 @@ def write(path, header: dict, data: bytes):
 def spoilt(tmp_path):
     """Changes header or bytes of a sound file; returns what the loader says."""
 
-    def spoil(change=lambda header: None, data=lambda data: data, expected=None) -> str:
+    def spoil(change=lambda header: None, data=lambda data: data) -> str:
         header, content = read(converted_file("dino_tiny"))
         change(header)
         path = write(tmp_path / "spoilt.safetensors", header, data(content))
         with pytest.raises(WeightsError) as caught:
-            load_weights(path, expected)
-        assert "\n" not in str(caught.value)
+            load_weights(path)
         return str(caught.value)
 
     return spoil
@@ -157,7 +156,6 @@ class TestFinding:
         with pytest.raises(WeightsError) as caught:
             find_weights(name, None)
         message = str(caught.value)
-        assert "\n" not in message
         assert ("DINOv3 License" if name.startswith("dinov3") else "Apache-2.0") in message
         assert "https://" in message
         assert "remind convert" in message

@@ -26,9 +26,7 @@ def told(**options) -> str:
     """The sentence of the error that ends fetching."""
     with pytest.raises((WeightsError, OutputError)) as caught:
         obtain_weights(NAME, quiet=True, **options)
-    sentence = str(caught.value)
-    assert "\n" not in sentence
-    return sentence
+    return str(caught.value)
 
 
 def test_a_name_is_enough(published):

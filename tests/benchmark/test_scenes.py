@@ -1,16 +1,14 @@
 """Scenes are found by layout, wherever the user keeps them."""
 
-import cv2
-import numpy as np
 import pytest
 
 from remind_jax.benchmark.scenes import find_scenes, select_scenes
 from remind_jax.errors import SourceError
+from tests.sources import making
 
 
 def write_picture(path):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), np.full((32, 48, 3), 90, np.uint8))
+    making.write_image(path, making.picture(0))
 
 
 def test_a_folder_of_davis_folders(dataset):

@@ -10,8 +10,7 @@ from remind_jax.benchmark.scoring import read_truth, score, summarize
 from remind_jax.metrics import evaluate_tracks
 from remind_jax.outputs.result import Result
 from remind_jax.session import announcement
-
-from .runs import given, run
+from tests.benchmark.conftest import run
 
 
 def test_scores_are_those_of_the_run(setup, dataset):
@@ -31,7 +30,7 @@ def test_scores_are_those_of_the_run(setup, dataset):
 def test_a_detector_is_scored_against_the_annotations(setup, dataset, tmp_path, monkeypatch):
     scene = find_scenes(dataset)[0]
     truth = {frame.name: frame.detections for frame in scene.open()}
-    by_image = {given(f.image).tobytes(): given(truth[f.name]) for f in scene.open()}
+    by_image = {f.image.tobytes(): truth[f.name] for f in scene.open()}
 
     def find_half(image):
         found = by_image[image.tobytes()]
@@ -46,7 +45,7 @@ def test_a_detector_is_scored_against_the_annotations(setup, dataset, tmp_path, 
     scored = score(found.out, record, read_truth(scene))
     num_truth = sum(len(d) for d in by_image.values())
     num_found = sum((len(d) + 1) // 2 for d in by_image.values())
-    scores = given(scored.strict).scores()
+    scores = scored.strict.scores()
     assert scores["GT_Dets"] == num_truth
     assert scores["CLR_FN"] == num_truth - num_found
 
@@ -65,7 +64,7 @@ def test_times_are_means_over_frames_and_memory_is_the_largest(setup, dataset):
     scores, _ = summarize([with_(10, 1.0, 100.0), with_(30, 5.0, 90.0)])
     assert scores["step_ms"] == pytest.approx(4.0)
     assert scores["peak_rss_mib"] == 100.0
-    assert scores["GT_IDs"] == 2 * given(scored.strict).scores()["GT_IDs"]
+    assert scores["GT_IDs"] == 2 * scored.strict.scores()["GT_IDs"]
     _, intervals = summarize([scored] * 5)
     low, high = intervals["IDF1"]
     assert low == pytest.approx(high)  # equal scenes have no spread

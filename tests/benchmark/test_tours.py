@@ -7,18 +7,10 @@ import pytest
 
 from remind_jax.benchmark import tours
 from remind_jax.benchmark.scenes import find_scenes
-from remind_jax.synthetic import SceneOptions, make_scene
+from remind_jax.synthetic import make_scene
+from tests.synthetic.conftest import TINY
 
-SMALL = SceneOptions(
-    name="small",
-    frames=2,
-    absence_frames=0,
-    width=64,
-    height=48,
-    num_rooms=1,
-    objects_per_room=2,
-    min_mask_px=10,
-)
+SHORT = dataclasses.replace(TINY, frames=2, absence_frames=0)
 
 
 def test_twelve_tours_of_seeds_that_nobody_tunes_on():
@@ -39,17 +31,17 @@ def test_every_tour_has_room_for_its_objects():
 
 def test_a_tour_is_rendered_once_and_found_again(tmp_path):
     rendered: list[str] = []
-    first = tours.render_tours(tmp_path, (SMALL,), rendered.append)
-    again = tours.render_tours(tmp_path, (SMALL,), rendered.append)
+    first = tours.render_tours(tmp_path, (SHORT,), rendered.append)
+    again = tours.render_tours(tmp_path, (SHORT,), rendered.append)
     assert first == again
-    assert rendered == ["small"]
+    assert rendered == ["tiny"]
     (scene,) = find_scenes(first)
     assert scene.has_masks
-    assert sum(1 for _ in scene.open()) == SMALL.frames
+    assert sum(1 for _ in scene.open()) == SHORT.frames
 
-    other = tours.render_tours(tmp_path, (dataclasses.replace(SMALL, seed=1),), rendered.append)
+    other = tours.render_tours(tmp_path, (dataclasses.replace(SHORT, seed=1),), rendered.append)
     assert other != first
-    assert rendered == ["small", "small"]
+    assert rendered == ["tiny", "tiny"]
 
 
 def test_an_unfinished_tour_is_not_there(tmp_path, monkeypatch):
@@ -58,7 +50,7 @@ def test_an_unfinished_tour_is_not_there(tmp_path, monkeypatch):
 
     monkeypatch.setattr(tours, "write_davis", fail)
     with pytest.raises(KeyboardInterrupt):
-        tours.render_tours(tmp_path, (SMALL,))
+        tours.render_tours(tmp_path, (SHORT,))
     assert not list(tmp_path.rglob("metadata.json"))
     monkeypatch.undo()
-    assert find_scenes(tours.render_tours(tmp_path, (SMALL,)))
+    assert find_scenes(tours.render_tours(tmp_path, (SHORT,)))

@@ -109,17 +109,13 @@ def test_one_visit_is_none():
 
 
 def test_runs_are_scored_by_the_instances_they_were_given():
-    run = fake_run.make_run()[1]
-    tracks = [  # every object by its own number
-        run_frame(frame) for frame in run.tracks
-    ]
+    tracks = [with_own_numbers(frame) for frame in fake_run.make_run()[1].tracks]
     scores = score_visits({"monday": tracks, "tuesday": tracks}).scores()
     assert scores["IDF1"] == scores["Recognized"] == scores["RecoveryAcrossVisits"] == 1
     assert scores["FalseRecognitions"] == 0
 
 
-def run_frame(frame: Tracks) -> Tracks:
-    ids = frame.object_id.copy()
-    ids[:] = np.arange(len(ids))
+def with_own_numbers(frame: Tracks) -> Tracks:
+    ids = np.arange(len(frame), dtype=np.int32)
     firm = np.full_like(frame.outcome, Outcome.MATCH)
-    return dataclasses.replace(frame, object_id=ids, instance_ids=ids.copy(), outcome=firm)
+    return dataclasses.replace(frame, object_id=ids, instance_ids=ids, outcome=firm)

@@ -9,6 +9,7 @@ import pytest
 
 from remind_jax.cli.main import main
 from tests.cli import scenes
+from tests.compiled.conftest import folder  # noqa: F401  (of programs)
 from tests.outputs.fake_run import make_run
 
 
@@ -21,11 +22,8 @@ class Outcome:
     stderr: str
 
 
-Command = Callable[..., Outcome]
-
-
 @pytest.fixture
-def command(capfd, monkeypatch, tmp_path) -> Command:
+def command(capfd, monkeypatch, tmp_path) -> Callable[..., Outcome]:
     """Runs `remind ...` in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
@@ -38,9 +36,9 @@ def command(capfd, monkeypatch, tmp_path) -> Command:
 
 @pytest.fixture(scope="session")
 def saved_run(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("saved") / "run"
-    make_run()[1].save(folder)
-    return folder
+    path = tmp_path_factory.mktemp("saved") / "run"
+    make_run()[1].save(path)
+    return path
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 
 from remind_jax.session.live import Tracker
 from remind_jax.tracks import Tracks
+from tests.sources import making
 
 # Objects of fewer than about 14 patches are too small to be remembered, hence 25 patches each.
 PATCH_PX = 16
@@ -47,36 +47,17 @@ def masks_of(labels: np.ndarray) -> np.ndarray:
 
 
 def write_scene(
-    folder: Path,
-    num: int = 4,
-    *,
-    seen: dict[int, tuple[int, ...]] | None = None,
-    classes: dict[int, str] = CLASSES,
+    folder: Path, num: int = 4, *, seen: dict[int, tuple[int, ...]] | None = None
 ) -> tuple[Path, Path]:
     """Writes `images/` and `masks/` with metadata; returns both folders.
 
     `seen` gives the objects in view of single frames; elsewhere it is the first three.
     """
     images, masks = folder / "images", folder / "masks"
-    images.mkdir(parents=True)
-    masks.mkdir()
     for index in range(num):
         image, labels = picture(index, (seen or {}).get(index, FIRST_THREE))
-        cv2.imwrite(str(images / f"{index:04d}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-        cv2.imwrite(str(masks / f"{index:04d}.png"), labels)
-    names = {str(instance): name for instance, name in classes.items()}
+        making.write_image(images / f"{index:04d}.png", image)
+        making.write_image(masks / f"{index:04d}.png", labels)
+    names = {str(instance): name for instance, name in CLASSES.items()}
     (masks / "metadata.json").write_text(json.dumps({"id_to_class": names}))
     return images, masks
-
-
-def write_video(path: Path, num: int) -> Path:
-    """The same frames as a video, with its index at the start, where cutting leaves it whole."""
-    with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
-        stream = container.add_stream("libx264", rate=10)
-        stream.width, stream.height = WIDTH_PX, HEIGHT_PX  # pyright: ignore[reportAttributeAccessIssue]
-        stream.pix_fmt, stream.gop_size = "yuv420p", 4  # pyright: ignore[reportAttributeAccessIssue]
-        for index in range(num):
-            frame = av.VideoFrame.from_ndarray(picture(index)[0], format="rgb24")
-            container.mux(stream.encode(frame))  # pyright: ignore[reportAttributeAccessIssue]
-        container.mux(stream.encode())  # pyright: ignore[reportAttributeAccessIssue]
-    return path

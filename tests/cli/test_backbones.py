@@ -7,6 +7,7 @@ import pytest
 from remind_jax.backbone import vit_weights
 from remind_jax.backbone.registry import list_backbones
 from remind_jax.backbone.vit_variants import VARIANTS
+from remind_jax.backbone.weights_download import obtain_weights
 from remind_jax.cli import process
 from tests.backbone.hub_networks import NAME, published_network
 
@@ -53,12 +54,7 @@ def test_what_is_here(command, published):
     before = rows(command("backbones", NAME, "--json"))[NAME]
     assert before["weights"] == "on first use"
     assert published.kept == []
-    folder = published.cache
-    folder.mkdir(parents=True)
-    command("backbones", "--json")
     assert published.hub.fetched == []
-    from remind_jax.backbone.weights_download import obtain_weights
-
     path = obtain_weights(NAME, quiet=True)
     after = rows(command("backbones", NAME, "--json"))[NAME]
     assert (after["weights"], after["path"]) == ("here", str(path))

@@ -12,6 +12,7 @@ import remind_jax as rj
 from remind_jax.cli import process
 from remind_jax.cli.main import main
 from remind_jax.outputs.result import Result
+from remind_jax.session import memory_file
 from tests.cli import scenes
 
 
@@ -69,8 +70,6 @@ def test_a_change_by_a_link_is_one_of_the_file(command, memory, tmp_path):
 
 
 def test_a_change_by_another_command_meanwhile_is_not_lost(command, memory, monkeypatch):
-    from remind_jax.session import memory_file
-
     load = memory_file.load_memory
 
     def load_while_another_renames(path):

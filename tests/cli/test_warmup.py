@@ -1,24 +1,12 @@
 """`remind warmup`: what it compiles is there for the next process."""
 
 import numpy as np
-import pytest
 
 from remind_jax.cli.flags import load_config_with
 from remind_jax.compiled import kept
 from remind_jax.compiled.programs import clear_programs
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
-from tests.compiled.conftest import without_cache_of_jax
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "programs"))
-    clear_programs()
-    with without_cache_of_jax():
-        yield kept.program_folder()
-    clear_programs()
-
 
 SMALL = ("static.num_detections=4", "static.num_objects=6", "static.num_pending=4")
 

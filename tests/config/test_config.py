@@ -225,10 +225,9 @@ def test_bases_in_a_circle_are_refused(tmp_path):
         ({"base": "bank"}, "'bank' is a tracker and no configuration; choose it by --tracker"),
     ],
 )
-def test_wrong_values_are_answered_in_one_sentence(changes, words):
-    with pytest.raises(ConfigError, match=words) as error:
+def test_wrong_values_are_refused(changes, words):
+    with pytest.raises(ConfigError, match=words):
         load_config(changes)
-    assert "\n" not in str(error.value)
 
 
 def test_broken_files_are_named(tmp_path):

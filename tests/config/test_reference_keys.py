@@ -2,8 +2,8 @@ import itertools
 
 import pytest
 
-from remind_jax.config import Config, dotted_keys, reference_keys
-from remind_jax.config.dotted_keys import flatten
+from remind_jax.config import Config, reference_keys
+from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.config.reference_keys import EMPTY_IS_ALL, FIXED, INERT, decided_settings
 from remind_jax.errors import ConfigError
 from remind_jax.settings.record import walk_settings
@@ -20,12 +20,6 @@ LISTS = {
 }
 RENAMED = [path for path in KEYED if path not in {*CHOICES, *PAIRS} and not KEYED[path].listed]
 LIMITED = [path for path in RENAMED if KEYED[path].most is not None]
-
-
-def nested(key, value):
-    for name in reversed(key.split(".")):
-        value = {name: value}
-    return value
 
 
 def value_at(config, path):
@@ -71,7 +65,7 @@ def test_every_renamed_key_reaches_its_field():
         given = {path for number, path in enumerate(RENAMED, 1) if number >> bit & 1}
         new = {path: other_value(path, published[path]) for path in given}
         config = Config.from_reference(
-            dotted_keys.nest({KEYED[path].key: value for path, value in new.items()})
+            nest({KEYED[path].key: value for path, value in new.items()})
         )
         told = dict(flatten(config.to_dict()))
         changed = {path for path in told if told[path] != published[path]}
@@ -84,30 +78,30 @@ def test_every_renamed_key_reaches_its_field():
 def test_every_choice_is_accepted():
     for path, record in CHOICES.items():
         for theirs, ours in (record.theirs or {}).items():
-            assert value_at(Config.from_reference(nested(record.key, theirs)), path) == ours, path
+            assert value_at(Config.from_reference(nest({record.key: theirs})), path) == ours, path
         refuse(record.key, "nonsense")
 
 
 def refuse(key, value):
     """A value of this key that is not supported is named."""
     with pytest.raises(ConfigError, match=key):
-        Config.from_reference(nested(key, value))
+        Config.from_reference(nest({key: value}))
 
 
 def test_values_above_a_limit_are_refused_with_the_reason():
     for path in LIMITED:
         key, most, why = KEYED[path].key, KEYED[path].most or 0, KEYED[path].why
-        assert value_at(Config.from_reference(nested(key, most)), path) == most
+        assert value_at(Config.from_reference(nest({key: most})), path) == most
         for refused, name in ((Config.from_reference, key), (Config().updated, path)):
             with pytest.raises(ConfigError, match=f"{name} .* up to {most}, {why}"):
-                refused(nested(name, most + 1))
+                refused(nest({name: most + 1}))
 
 
 def test_lists_open_a_gate_for_every_name():
     for key, gates in LISTS.items():
         for chosen in itertools.product([False, True], repeat=len(gates)):
             listed = [name for name, open_ in zip(gates, chosen, strict=True) if open_]
-            config = Config.from_reference(nested(key, [name.lower() for name in listed[::-1]]))
+            config = Config.from_reference(nest({key: [name.lower() for name in listed[::-1]]}))
             everyone = not listed and key in EMPTY_IS_ALL
             for name, path in gates.items():
                 assert value_at(config, path) == (name in listed or everyone), (key, listed)
@@ -121,9 +115,9 @@ def test_published_lists():
     """As the original ships them; nothing at all is the empty list."""
     for key in LISTS:
         shipped = ["WEAK", "AMBIGUOUS"] if key.endswith("allow_status") else ["SETS_RESCUE"]
-        assert Config.from_reference(nested(key, shipped)) == Config()
-        empty = Config.from_reference(nested(key, []))
-        assert Config.from_reference(nested(key, None)) == empty != Config()
+        assert Config.from_reference(nest({key: shipped})) == Config()
+        empty = Config.from_reference(nest({key: []}))
+        assert Config.from_reference(nest({key: None})) == empty != Config()
 
 
 def test_capacities_of_work_and_stable_banks():
@@ -204,7 +198,7 @@ SWITCHED = [
 
 def test_what_several_keys_decide_together():
     for given, expected in SWITCHED:
-        config = Config.from_reference(dotted_keys.nest(given))
+        config = Config.from_reference(nest(given))
         assert {path: value_at(config, path) for path in expected} == expected, given
     assert {key for given, _ in SWITCHED for key in given} == set(reference_keys.SHIPPED)
     for key in reference_keys.SHIPPED:
@@ -212,7 +206,7 @@ def test_what_several_keys_decide_together():
 
 
 def test_supported_values_pass_and_others_do_not():
-    Config.from_reference(dotted_keys.nest(FIXED))
+    Config.from_reference(nest(FIXED))
     for key, value in FIXED.items():
         refuse(key, (not value) if isinstance(value, bool) else "something else")
 

@@ -24,11 +24,9 @@ def main() -> int:
     names, deadline = options.formats.split(","), time.monotonic() + options.seconds
     verdicts = []
     load_libraries()
-    for seed in itertools.islice(itertools.count(options.seed), options.rounds):
-        for name in names:
-            verdicts.append((name, seed, run_case(name, seed, options.limit_s, in_child=True)))
-            if time.monotonic() > deadline:
-                break
+    seeds = itertools.islice(itertools.count(options.seed), options.rounds)
+    for seed, name in ((seed, name) for seed in seeds for name in names):
+        verdicts.append((name, seed, run_case(name, seed, options.limit_s, in_child=True)))
         if time.monotonic() > deadline:
             break
     print(f"{len(verdicts)} cases, seeds {options.seed} to {seed}\n\n{count(verdicts)}")

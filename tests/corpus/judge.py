@@ -19,10 +19,11 @@ import warnings
 import zlib
 from pathlib import Path
 
+from remind_jax.errors import RemindError
 from tests.backbone.networks import converted_file
 from tests.corpus.headers import Change
 from tests.corpus.mutations import change_file
-from tests.corpus.seeds import FORMATS, Format, Refused, Told, refusal
+from tests.corpus.seeds import FORMATS, Format, Refused, Told
 
 LIMIT_S = 60.0
 LIMIT_BYTES = 2 << 30  # above what the process has before
@@ -138,7 +139,8 @@ def _be_a_child(
     except MemoryError:
         code = 4
     except BaseException as error:
-        code = 5 if isinstance(error, Told) else 1 if refusal(error) else 3
+        is_refused = isinstance(error, Refused | RemindError)
+        code = 5 if isinstance(error, Told) else 1 if is_refused else 3
         if code == 3:
             kept["broken"].write_text("".join(traceback.format_exception(error)))
         elif not isinstance(error, Refused | Told):

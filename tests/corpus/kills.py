@@ -39,7 +39,6 @@ class Kind:
     """A command that can be killed."""
 
     words: tuple[str, ...]  # before the folder
-    out_flag: str
     progress: str  # below the folder: the file whose lines are counted
     compare: Callable[[Path, Path], list[str]]  # what differs
     again: tuple[str, ...] = ()  # words that go on
@@ -88,21 +87,20 @@ def compare_sweeps(one: Path, other: Path) -> list[str]:
 
 
 def _run_kind(*words: str) -> Kind:
-    return Kind(("run", "SCENE", *words), "--out", "detections.jsonl", compare_runs, ("--resume",))
+    return Kind(("run", "SCENE", *words), "detections.jsonl", compare_runs, ("--resume",))
 
 
 KINDS: dict[str, Kind] = {
     "run": _run_kind(),
-    "run, announced late": _run_kind("--announce-after", "3"),
-    "run, answers delayed": _run_kind("--delay", "6"),
-    "run, traced": _run_kind("--trace", "--no-overlay"),
+    "run announced late": _run_kind("--announce-after", "3"),
+    "run answers delayed": _run_kind("--delay", "6"),
+    "run traced": _run_kind("--trace", "--no-overlay"),
     "run of the bank": _run_kind("--tracker", "bank"),
     "sweep": Kind(
         (
             *("sweep", "SCENE", "--set", "decision.new=0.5:2.5:0.25"),
             *("--batch", "1", "--max-frames", "8"),
         ),
-        "--out",
         "rows.jsonl",
         compare_sweeps,
     ),
@@ -180,7 +178,7 @@ class Course:
         return self._undisturbed[name]
 
     def _start(self, kind: Kind, out: Path) -> subprocess.Popen[str]:
-        return self.start(*kind.words, kind.out_flag, out, "--quiet", *kind.again)
+        return self.start(*kind.words, "--out", out, "--quiet", *kind.again)
 
     def start(self, *words: object) -> subprocess.Popen[str]:
         """Starts a command; the word SCENE is the folder of the scene."""
@@ -260,11 +258,10 @@ def main() -> int:
     """Exit status 1 if a command did not go on, or made something else."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--kinds", default=",".join(KINDS).replace(", ", " "))
+    parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    asked = options.kinds.split(",")
-    names = [name for name in KINDS if name.replace(", ", " ") in asked]
+    names = [name for name in KINDS if name in options.kinds.split(",")]
     folder, cases = Path(tempfile.mkdtemp(prefix="kills")), []
     for case in run_kills(Course(folder), names, options.kills, options.seed):
         cases.append(case)

@@ -88,7 +88,6 @@ def test_an_unknown_network_is_told_what_is_known(tmp_path):
     assert "echo [1, 3, 96, 128]" in message
     assert "YOLO-seg [1, 4+C+M, A]" in message
     assert "RF-DETR-seg dets [1, Q, 4]" in message
-    assert "\n" not in message
 
 
 def test_inputs_other_than_one_rgb_image_are_refused(tmp_path):
@@ -165,8 +164,8 @@ def test_none_detectors_and_nonsense():
         as_detector(3)
 
 
-def square(size: int, top: int, left: int, shape: tuple[int, int] = (20, 30)) -> np.ndarray:
-    mask = np.zeros(shape, bool)
+def square(size: int, top: int, left: int) -> np.ndarray:
+    mask = np.zeros((20, 30), bool)
     mask[top : top + size, left : left + size] = True
     return mask
 

@@ -20,7 +20,6 @@ OUTPUTS = specs(dets=(1, 5, 4), labels=(1, 5, 4), masks=(1, 5, 12, 12))
 
 def head_of(options=None, metadata=None, input_shape=(1, 3, 48, 48)) -> RfDetrSeg:
     layout = recognize_rfdetr_seg(OUTPUTS)
-    assert layout is not None
     images = TensorSpec("input", input_shape, "float32")
     file = Signature(Path("m.onnx"), (images,), tuple(OUTPUTS), metadata or {})
     return RfDetrSeg.from_file(file, layout, options or DetectorOptions())

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import expit
 
@@ -25,17 +25,10 @@ def specs(*shapes) -> list[TensorSpec]:
     return [TensorSpec(f"output{i}", shape, "float32") for i, shape in enumerate(shapes)]
 
 
-def file_of(
-    outputs, metadata=None, input_shape: tuple[int | None, ...] = (1, 3, 96, 128)
-) -> Signature:
-    images = TensorSpec("images", input_shape, "float32")
-    return Signature(Path("m.onnx"), (images,), tuple(outputs), metadata or {})
-
-
 def head_of(outputs, options=None, metadata=None, input_shape=(1, 3, 96, 128)) -> YoloSeg:
     layout = recognize_yolo_seg(outputs)
-    assert layout is not None
-    file = file_of(outputs, metadata, input_shape)
+    images = TensorSpec("images", input_shape, "float32")
+    file = Signature(Path("m.onnx"), (images,), tuple(outputs), metadata or {})
     return YoloSeg.from_file(file, layout, options or DetectorOptions())
 
 
@@ -112,7 +105,6 @@ def suppress_one_by_one(boxes, scores, classes, iou) -> list[int]:
     return kept
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 10_000), num=st.integers(0, 30), agnostic=st.booleans())
 def test_suppression_equals_a_plain_loop(seed, num, agnostic):
     rng = np.random.default_rng(seed)

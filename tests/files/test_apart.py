@@ -7,6 +7,7 @@ from remind_jax.errors import OutputError
 from remind_jax.files import refuse_file, refuse_folder
 from tests.cli import scenes
 from tests.outputs import fake_run
+from tests.sources import making
 
 
 def test_a_folder_that_is_or_holds_an_input_is_refused(tmp_path):
@@ -62,7 +63,7 @@ def contents(folder) -> dict[str, bytes]:
 def place(tmp_path, monkeypatch):
     """A scene, a video and a run, in the folder that commands run in."""
     scenes.write_scene(tmp_path / "scene", 2)
-    scenes.write_video(tmp_path / "scene" / "v.mp4", 2)
+    making.write_video(tmp_path / "scene" / "v.mp4", 2)
     fake_run.make_run(4, (48, 64), 2)[1].save(tmp_path / "run")
     (tmp_path / "gt.txt").write_text("1,1,1,1,5,5,1,1,1\n")
     (tmp_path / "theirs.yaml").write_text("association: {}\n")

@@ -55,8 +55,6 @@ def test_a_refusal_names_the_place():
             decode_json(text.encode(), list[Part], "'x'")
         assert str(caught.value).startswith("'x'"), text[:80]
         assert place in str(caught.value), text[:80]
-        assert "\n" not in str(caught.value)
-        assert "\x1b" not in str(caught.value)
 
 
 def test_files_that_are_no_json(tmp_path):

@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from remind_jax.formats.rows import boxes_of
 from remind_jax.masks.run_length import encode_label_map
+from tests.sources import making
 
 # Columns of a frame that an object covers; object 2 leaves and returns.
 TRUTH = {
@@ -26,13 +26,11 @@ def label_maps(rows: list[str]) -> list[np.ndarray]:
     return [np.tile([int(c) if c != "." else 0 for c in row], (HEIGHT, 1)) for row in rows]
 
 
-def write_maps(root: Path, scenes: dict[str, list[str]], dtype: Any = np.uint8) -> Path:
+def write_maps(root: Path, scenes: dict[str, list[str]]) -> Path:
     """Folders of PNGs, as DAVIS has them below `Annotations`."""
     for name, rows in scenes.items():
-        folder = root / name
-        folder.mkdir(parents=True)
         for frame, labels in enumerate(label_maps(rows)):
-            cv2.imwrite(str(folder / f"{frame:05d}.png"), labels.astype(dtype))
+            making.write_image(root / name / f"{frame:05d}.png", labels.astype(np.uint8))
     return root
 
 

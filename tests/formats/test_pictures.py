@@ -25,11 +25,9 @@ KINDS = {
 }
 
 
-def encoded(kind: str, height: int = 7, width: int = 19) -> bytes:
+def encoded(kind: str) -> bytes:
     suffix, options = KINDS[kind]
-    ok, data = cv2.imencode(suffix, making.picture(1, (height, width)), options)
-    assert ok
-    return data.tobytes()
+    return making.encode_image(suffix, making.picture(1, (7, 19)), options)
 
 
 def refuse(data: bytes) -> None:

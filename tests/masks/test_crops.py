@@ -43,7 +43,6 @@ def test_planes_come_back(seed):
             assert np.array_equal(crops.region(row, rows, columns), mask[rows, columns])
 
 
-@settings(deadline=None)
 @given(
     masks=hnp.arrays(bool, st.tuples(st.integers(0, 3), st.integers(1, 14), st.integers(1, 14))),
     radius=st.integers(0, 4),

@@ -1,5 +1,5 @@
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.masks.letterbox import Letterbox
@@ -16,7 +16,6 @@ frames = st.tuples(sides, sides)
 inputs = st.tuples(st.integers(32, 700), st.integers(32, 700))
 
 
-@settings(deadline=None)
 @given(frame_size=frames, input_size=inputs)
 def test_the_frame_lies_in_the_middle_and_touches_two_sides(frame_size, input_size):
     box = Letterbox.fit(frame_size, input_size)
@@ -27,7 +26,6 @@ def test_the_frame_lies_in_the_middle_and_touches_two_sides(frame_size, input_si
     assert min(box.top_px + below, box.left_px + right) == 0
 
 
-@settings(deadline=None)
 @given(frame_size=frames, input_size=inputs, data=st.data())
 def test_boxes_survive_the_round_trip(frame_size, input_size, data):
     box = Letterbox.fit(frame_size, input_size)
@@ -41,7 +39,6 @@ def test_boxes_survive_the_round_trip(frame_size, input_size, data):
     np.testing.assert_allclose(box.boxes_to_frame(there), drawn, atol=1e-9)
 
 
-@settings(deadline=None)
 @given(frame_size=frames, input_size=inputs, slope=st.tuples(st.floats(-1, 1), st.floats(-1, 1)))
 def test_maps_come_back_to_the_pixel_centers(frame_size, input_size, slope):
     """Bilinear resampling keeps a sloping plane, so any shift or wrong scale would show."""

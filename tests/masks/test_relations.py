@@ -4,25 +4,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.crops import Crops
+from remind_jax.formats.rows import boxes_of
 from remind_jax.masks.relations import find_row_ends, relate_masks
+from remind_jax.masks.run_length import encode_masks
 
 FLOAT32_STEPS = 1e-4  # px; OpenCV adds up to 200 steps of 0.955 or 1.3693 in float32
 
 
-def rectangle(left, top, right, bottom, width=300, height=200):
-    mask = np.zeros((height, width), bool)
+def rectangle(left, top, right, bottom):
+    mask = np.zeros((200, 300), bool)
     mask[top:bottom, left:right] = True
     return mask
 
 
 def relate(masks, num_slots=None, **limits):
     masks = np.array(masks)
-    boxes = np.zeros((len(masks), 4))
-    for mask, box in zip(masks, boxes, strict=True):
-        if mask.any():
-            rows, columns = np.nonzero(mask)
-            box[:] = columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
-    areas = masks.sum(axis=(1, 2))
+    boxes, areas = boxes_of(encode_masks(masks)), masks.sum(axis=(1, 2))
     ends = [find_row_ends(mask) if mask.any() else None for mask in masks]
     crops = Crops.of(masks)
     return relate_masks(crops, boxes, areas, ends, num_slots=num_slots or len(masks), **limits)

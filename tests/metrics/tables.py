@@ -60,9 +60,9 @@ def sequence_from_answers(*lines: str) -> TrackingSequence:
     return from_frames(gt, pred, matrices)
 
 
-def random_sequence(seed: int, num_frames: int = 12, num_objects: int = 5) -> TrackingSequence:
+def random_sequence(seed: int) -> TrackingSequence:
     """Partly overlapping, partly wrong predictions without exact ties."""
-    rng = np.random.default_rng(seed)
+    rng, num_frames, num_objects = np.random.default_rng(seed), 12, 5
     gt, pred, matrices = [], [], []
     for _ in range(num_frames):
         objects = np.flatnonzero(rng.random(num_objects) < 0.8)

@@ -77,7 +77,6 @@ def test_pooled_recovery_keeps_objects_apart():
     pooled = pool_evaluations([evaluate_tracks(RUN), evaluate_tracks(RUN)])
     assert pooled.recovery.opportunities.tolist() == [1, 0, 1, 0]
     assert pooled.scores()["Recovery"] == 1.0
-    assert pooled.uncertainty is not None
     assert pooled.uncertainty.ambiguous == 2
 
 

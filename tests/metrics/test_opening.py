@@ -50,8 +50,7 @@ EXPECTED = {"IDTP": 9, "IDFN": 1, "IDFP": 1, "IDSW": 1, "GT_IDs": 3, "Opportunit
 @pytest.mark.parametrize("truth", ["mot", "mots", "davis", "coco masks"])
 def test_every_mixture_scores_alike(tmp_path: Path, truth: str, prediction: str):
     truth_path = WRITERS[truth][1](tmp_path / "truth", TRUTH)
-    made_of = {k: v for k, v in ANSWERS.items()}
-    prediction_path = WRITERS[prediction][1](tmp_path / "prediction", made_of)
+    prediction_path = WRITERS[prediction][1](tmp_path / "prediction", ANSWERS)
     if prediction == "davis":
         (prediction_path / "metadata.json").unlink()
     formats: dict[str, Any] = {}

@@ -35,6 +35,10 @@ def make_run() -> list[Tracks]:
     ]
 
 
+def every_second() -> list[Tracks]:
+    return [dataclasses.replace(frame, frame_index=at) for at, frame in enumerate(make_run()[::2])]
+
+
 def _frame(at: int, line: str, said: str) -> Tracks:
     labels = made.label_maps([line])[0]
     numbers = np.unique(labels[labels > 0]).tolist()
@@ -83,10 +87,7 @@ def test_equals_the_run_scored_alone(tmp_path: Path, truth: Path, undecided: Any
 
 
 def test_only_processed_frames_are_evaluated(tmp_path: Path, truth: Path):
-    every_second = [
-        dataclasses.replace(frame, frame_index=at) for at, frame in enumerate(make_run()[::2])
-    ]
-    evaluation = evaluate(truth, save(tmp_path / "run", every_second))
+    evaluation = evaluate(truth, save(tmp_path / "run", every_second()))
     assert evaluation.notes == ("3 of 5 frames were processed",)
     assert evaluation.scores()["GT_Dets"] == 5
 
@@ -102,8 +103,7 @@ def test_frames_that_a_file_of_tracks_lacks_are_told(tmp_path: Path, truth: Path
 
 
 def test_outputs_of_one_strided_run_agree_whichever_is_the_truth(tmp_path: Path):
-    run = [dataclasses.replace(frame, frame_index=at) for at, frame in enumerate(make_run()[::2])]
-    classes = [*CLASSES.values()]
+    run, classes = every_second(), [*CLASSES.values()]
     folder, mot, cvat = save(tmp_path / "run", run), tmp_path / "mot.txt", tmp_path / "cvat.xml"
     coco = tmp_path / "coco_video.json"
     mot.write_text("\n".join(mot_lines(run)))

@@ -14,8 +14,8 @@ def mask_iou(gt: np.ndarray, pred: np.ndarray) -> np.ndarray:
     return both / np.maximum(1, (gt[:, None] | pred).sum((2, 3)))
 
 
-def box_mask(box: list[int], size: int = 20) -> np.ndarray:
-    mask = np.zeros((size, size), bool)
+def box_mask(box: list[int]) -> np.ndarray:
+    mask = np.zeros((20, 20), bool)
     mask[box[1] : box[3], box[0] : box[2]] = True
     return mask
 

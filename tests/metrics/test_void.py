@@ -4,7 +4,6 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -12,15 +11,15 @@ from remind_jax.formats.instance_maps import read_instance_maps
 from remind_jax.metrics import evaluate
 from remind_jax.metrics.pairing import PairedScene, pair_scene
 from tests.metrics.golden import ROOT, TOLERANCE, read_json
+from tests.sources import making
 
 VOID = 255
 CASES: dict[str, Any] = read_json(ROOT / "davis.json")
 
 
 def write_maps(folder: Path, maps: Any) -> Path:
-    folder.mkdir(parents=True)
     for frame, labels in enumerate(np.asarray(maps, np.uint8)):
-        cv2.imwrite(str(folder / f"{frame:05d}.png"), labels)
+        making.write_image(folder / f"{frame:05d}.png", labels)
     return folder
 
 

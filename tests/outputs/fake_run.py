@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from remind_jax.decision import Outcome, Reason, Status
+from remind_jax.formats.rows import boxes_of
 from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.outputs.gallery import Sighting, SightingCollector
@@ -32,16 +33,11 @@ def make_info(name: str = "kitchen tour", size: tuple[int, int] = (120, 160)) ->
     )
 
 
-def make_tracks(index: int, masks: np.ndarray, rows: list[dict], num_candidates: int = 3) -> Tracks:
+def make_tracks(index: int, masks: np.ndarray, rows: list[dict]) -> Tracks:
     """Tracks of one frame; `rows` give what differs from a firm match with score 0.9."""
-    num = len(rows)
-    boxes = np.zeros((num, 4), np.float32)
-    for row, mask in enumerate(masks):
-        ys, xs = np.nonzero(mask)
-        if len(xs):
-            boxes[row] = xs.min(), ys.min(), xs.max() + 1, ys.max() + 1
-    candidate_id = np.full((num, num_candidates), -1, np.int32)
-    candidate_score = np.zeros((num, num_candidates), np.float32)
+    rles = encode_masks(masks)
+    candidate_id = np.full((len(rows), 3), -1, np.int32)
+    candidate_score = np.zeros((len(rows), 3), np.float32)
     for row, values in enumerate(rows):
         for place, (object_id, score) in enumerate(values.get("candidates", ())):
             candidate_id[row, place], candidate_score[row, place] = object_id, score
@@ -65,11 +61,11 @@ def make_tracks(index: int, masks: np.ndarray, rows: list[dict], num_candidates:
         candidate_id=candidate_id,
         candidate_score=candidate_score,
         labels=tuple(values.get("label", "cup") for values in rows),
-        boxes=boxes,
-        areas=masks.reshape(num, masks.shape[1] * masks.shape[2]).sum(1).astype(np.int32),
+        boxes=boxes_of(rles).astype(np.float32),
+        areas=masks.sum(axis=(1, 2), dtype=np.int32),
         detector_scores=column("detector_score", 0.95, np.float32),
         instance_ids=column("instance_id", -1, np.int32),
-        rles=encode_masks(masks),
+        rles=rles,
     )
 
 

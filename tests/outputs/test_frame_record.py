@@ -9,6 +9,7 @@ import remind_jax as rj
 from remind_jax.errors import OutputError
 from remind_jax.frame import Detections, Frame
 from remind_jax.outputs.frame_record import FrameRecord
+from tests.sources.making import assert_same_detections
 
 
 def make_frames(num: int = 5, size: tuple[int, int] = (37, 51)) -> list[Frame]:
@@ -36,12 +37,7 @@ def test_frames_and_detections_come_back_bit_by_bit(tmp_path):
     assert len(again) == len(frames)
     for seen, back in zip(frames, again, strict=True):
         np.testing.assert_array_equal(seen.image, back.image)
-        assert seen.detections is not None
-        assert back.detections is not None
-        np.testing.assert_array_equal(seen.detections.masks, back.detections.masks)
-        np.testing.assert_array_equal(seen.detections.scores, back.detections.scores)
-        np.testing.assert_array_equal(seen.detections.instance_ids, back.detections.instance_ids)
-        assert seen.detections.labels == back.detections.labels
+        assert_same_detections(seen.detections, back.detections)
 
 
 def test_every_frame_is_on_disk_at_once(tmp_path):

@@ -120,14 +120,13 @@ def test_edits_of_another_run_are_refused(result):
         {"more": 1},
     ],
 )
-def test_what_is_no_file_of_edits_is_refused_in_a_sentence(tmp_path, change):
+def test_what_is_no_file_of_edits_is_refused(tmp_path, change):
     good = {"format": "remind-jax edits", "version": 1, "run": "a", "num_detections": 3}
     (tmp_path / "good.json").write_text(json.dumps({**good, "edits": []}))
     assert read_edits(tmp_path / "good.json").edits == []
     (tmp_path / "bad.json").write_text(json.dumps({**good, "edits": [], **change}))
-    with pytest.raises(SourceError, match=r"bad\.json") as caught:
+    with pytest.raises(SourceError, match=r"bad\.json"):
         read_edits(tmp_path / "bad.json")
-    assert "\n" not in str(caught.value)
 
 
 SOME = (Merge(5, 7), Move(3, 30, 39, 50), Move(4, 0, 5, None), Assign(8, 2, 60))

@@ -11,7 +11,16 @@ from remind_jax.outputs.label_edits import (
     write_label_page,
 )
 from remind_jax.outputs.result import Result
-from tests.headless_browser import asked_by, find, needs_browser, said_by, wait_for
+from tests.headless_browser import (
+    ActionChains,
+    Keys,
+    WebDriverWait,
+    asked_by,
+    find,
+    needs_browser,
+    said_by,
+    wait_for,
+)
 from tests.outputs.fake_run import make_run, write_run
 
 NUM_FRAMES = 60  # odd objects are away in frames 20 to 39
@@ -39,8 +48,6 @@ def page(browser, folder):
 
 
 def press(browser, *keys) -> None:
-    from selenium.webdriver.common.action_chains import ActionChains
-
     ActionChains(browser).send_keys(*keys).perform()
 
 
@@ -68,8 +75,6 @@ def test_the_page_is_quiet_and_asks_for_nothing(page):
 
 
 def test_identities_are_merged_moved_and_undone_by_keyboard(page, folder, tmp_path):
-    from selenium.webdriver.common.keys import Keys
-
     page.execute_script("seek(45)")
     press(page, "2")  # object 1, which came back at 40 and is firm from 43 on
     assert text_of(page, "#label-picked") == "cup 1: detection 1 of frame 45."
@@ -100,8 +105,6 @@ def test_identities_are_merged_moved_and_undone_by_keyboard(page, folder, tmp_pa
 
 
 def test_what_nobody_could_decide_gets_an_identity_by_mouse(page):
-    from selenium.webdriver.common.action_chains import ActionChains
-
     page.execute_script("seek(41)")
     wait_for(page, "!video.seeking")
     left, top, right, bottom = page.execute_script("return labeling.boxes[41][1]")
@@ -124,9 +127,6 @@ def test_what_nobody_could_decide_gets_an_identity_by_mouse(page):
 
 
 def test_the_browser_keeps_the_edits(page):
-    from selenium.webdriver.common.action_chains import ActionChains
-    from selenium.webdriver.common.keys import Keys
-
     press(page, "1", "d", "none", Keys.ENTER)
     page.refresh()
     wait_for(page, "video.readyState >= 2")
@@ -137,23 +137,17 @@ def test_the_browser_keeps_the_edits(page):
 
 
 def test_the_file_is_saved_by_a_download(page, tmp_path):
-    from selenium.webdriver.common.keys import Keys
-
     press(page, "1", "d", "none", Keys.ENTER)
     page.execute_cdp_cmd(
         "Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)}
     )
     press(page, "s")
     wait_for_file = tmp_path / "edits.json"
-    from selenium.webdriver.support.ui import WebDriverWait
-
     WebDriverWait(page, 20, 0.05).until(lambda _: wait_for_file.is_file())
     assert len(read_edits(wait_for_file).edits) == 1
 
 
 def test_an_unknown_identity_is_told(page):
-    from selenium.webdriver.common.keys import Keys
-
     press(page, "m")
     assert text_of(page, "#label-said").startswith("Pick a detection first")
     press(page, "1", "m", "99", Keys.ENTER)

@@ -118,12 +118,6 @@ def test_large_videos_stay_beside_the_page(tmp_path, monkeypatch):
     assert data_of(page.read_text())["video"] == "overlay.mp4"
 
 
-def pack(result: Result) -> dict[str, Any]:
-    packed = report.pack_explanations(result)
-    assert packed is not None
-    return packed
-
-
 def unpack(packed: dict[str, Any]) -> list[Any]:
     blocks = [json.loads(gzip.decompress(base64.b64decode(text))) for text in packed["blocks"]]
     assert all(len(block) == packed["frames_per_block"] for block in blocks[:-1])
@@ -133,7 +127,7 @@ def unpack(packed: dict[str, Any]) -> list[Any]:
 @pytest.mark.parametrize("make", [lambda: make_traced_run()[1], make_plus_run])
 def test_every_detection_is_explained_as_in_python(make: Callable[[], Result]):
     result = make()
-    frames = unpack(pack(result))
+    frames = unpack(report.pack_explanations(result))
     assert len(frames) == len(result)
     for tracks, frame in zip(result.tracks, frames, strict=True):
         explained = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
@@ -150,10 +144,10 @@ def test_every_detection_is_explained_as_in_python(make: Callable[[], Result]):
 def test_a_long_run_is_explained_as_far_as_the_page_can_hold(monkeypatch):
     _, result = make_traced_run()
     monkeypatch.setattr(report, "FRAMES_PER_BLOCK", 8)
-    whole = pack(result)
+    whole = report.pack_explanations(result)
     room = sum(len(block) for block in whole["blocks"][:2])
     monkeypatch.setattr(report, "MAX_EMBEDDED_BYTES", room)
-    assert pack(result)["blocks"] == whole["blocks"][:2]
+    assert report.pack_explanations(result)["blocks"] == whole["blocks"][:2]
 
 
 def test_a_run_without_trace_has_no_explanations():

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from remind_jax.outputs import report
-from tests.headless_browser import asked_by, find, needs_browser, said_by, wait_for
+from tests.headless_browser import (
+    ActionChains,
+    Keys,
+    Select,
+    asked_by,
+    find,
+    needs_browser,
+    said_by,
+    wait_for,
+)
 from tests.outputs.fake_run import make_run, write_run
 from tests.outputs.traced_run import UNDECIDED, make_plus_run, make_traced_run
 
@@ -42,8 +51,6 @@ def settled_position(browser) -> int:
 
 
 def click_timeline(browser, position: int) -> None:
-    from selenium.webdriver.common.action_chains import ActionChains
-
     track = find(browser, "#track")
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", track)
     width = track.size["width"]
@@ -87,9 +94,7 @@ def picture_of(browser, position: int) -> np.ndarray:
     settled_position(browser)
     browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
     png = base64.b64decode(find(browser, "#video").screenshot_as_base64)
-    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
-    return image.astype(int)
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR).astype(int)
 
 
 def test_the_frame_shown_is_the_frame_asked_for(page):
@@ -100,8 +105,6 @@ def test_the_frame_shown_is_the_frame_asked_for(page):
 
 
 def test_the_timeline_works_by_keyboard(page):
-    from selenium.webdriver.common.keys import Keys
-
     track = find(page, "#track")
     page.execute_script("arguments[0].focus()", track)
     for key, position in (
@@ -118,9 +121,6 @@ def test_the_timeline_works_by_keyboard(page):
 
 
 def test_the_player_works_by_keyboard_without_focus(page):
-    from selenium.webdriver.common.action_chains import ActionChains
-    from selenium.webdriver.common.keys import Keys
-
     def press(*keys: str) -> None:
         ActionChains(page).send_keys(*keys).perform()
 
@@ -156,8 +156,6 @@ def test_the_timeline_names_what_people_named(browser, tmp_path):
 
 
 def test_what_is_shown_can_be_filtered(page):
-    from selenium.webdriver.support.ui import Select
-
     name = find(page, "#filter-name")
     name.send_keys("Cup ")
     for names in shown_names(page):
@@ -374,8 +372,6 @@ def test_a_return_leads_to_the_frame_that_decided_it(browser, tmp_path):
 
 
 def test_the_explanation_works_by_keyboard(traced_page):
-    from selenium.webdriver.common.keys import Keys
-
     traced_page.execute_script("seek(3)")
     button = traced_page.find_elements("css selector", "#seen tbody button")[0]
     assert button.get_attribute("aria-expanded") == "false"

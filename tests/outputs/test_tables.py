@@ -14,10 +14,10 @@ from remind_jax.outputs import tables
 from tests.outputs.fake_run import make_run, make_tracks
 
 
-def squares(*corners: tuple[int, int], side: int = 4) -> np.ndarray:
+def squares(*corners: tuple[int, int]) -> np.ndarray:
     masks = np.zeros((len(corners), 16, 20), bool)
     for mask, (x, y) in zip(masks, corners, strict=True):
-        mask[y : y + side, x : x + side] = True
+        mask[y : y + 4, x : x + 4] = True
     return masks
 
 

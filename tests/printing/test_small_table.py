@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from remind_jax.metrics import ComparisonTable, Row, SetEvaluation, evaluate_tracks
+from remind_jax.outputs.result import Result
 from remind_jax.printing.small_table import SmallTable
 from remind_jax.sweeps.cross_validation import cross_validate
 from remind_jax.sweeps.records import Row as SweepRow
@@ -90,7 +91,5 @@ def test_a_run_names_what_it_found():
 
 
 def test_runs_and_sweeps_of_nothing_print():
-    from remind_jax.outputs.result import Result
-
     assert "0 identities" in repr(Result((), make_info()))
     assert "nothing was run" in repr(SweepResult((), ("a",), (), 0, 0))

@@ -31,10 +31,7 @@ def image(pixels: np.ndarray, encoding: str = "rgb8", stamp_ns: int = 0, padding
 
 
 def boxes(
-    sides: list[tuple[float, float, float, float]],
-    names: list[str],
-    stamp_ns: int = 0,
-    theta: float = 0.0,
+    sides: list[tuple[float, float, float, float]], names: list[str], theta: float = 0.0
 ) -> Any:
     """Detections with one hypothesis each; sides are left, top, right, bottom."""
     found = []
@@ -49,13 +46,13 @@ def boxes(
         found.append(
             make(
                 "vision_msgs/msg/Detection2D",
-                header=header(stamp_ns),
+                header=header(),
                 results=results,
                 bbox=box,
                 id="",
             )
         )
-    return make("vision_msgs/msg/Detection2DArray", header=header(stamp_ns), detections=found)
+    return make("vision_msgs/msg/Detection2DArray", header=header(), detections=found)
 
 
 def hypothesis(class_id: str, score: float) -> Any:

@@ -14,28 +14,29 @@ STEP_NS = 100_000_000
 DETECTOR_NS = 40_000_000  # what comes of an image is recorded later than the image
 
 
+def write_bag(path, stamped):
+    """Pictures and their maps, each pair of a stamp."""
+    kind = "sensor_msgs/msg/Image"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        to_picture, to_map = (
+            writer.add_connection(topic, kind, typestore=messages.TYPES) for topic in TOPICS.names
+        )
+        for stamp, (picture, numbers) in stamped:
+            for outlet, time, said in (
+                (to_picture, stamp, messages.image(picture, "rgb8", stamp)),
+                (to_map, stamp + DETECTOR_NS, messages.image(numbers, "16UC1", stamp)),
+            ):
+                writer.write(outlet, time, messages.TYPES.serialize_cdr(said, kind))
+    return path
+
+
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     """Twelve images with their maps; the fourth map is of another size."""
-    path = tmp_path_factory.mktemp("bags") / "recorded"
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        kind = "sensor_msgs/msg/Image"
-        outlets = [
-            writer.add_connection(topic, kind, typestore=messages.TYPES) for topic in TOPICS.names
-        ]
-        for index in range(12):
-            picture, numbers = messages.scene(index)
-            stamp = 5_000_000_000 + index * STEP_NS
-            shown = numbers[:50] if index == 3 else numbers
-            for outlet, later_ns, said in zip(
-                outlets,
-                (0, DETECTOR_NS),
-                (messages.image(picture, "rgb8", stamp), messages.image(shown, "16UC1", stamp)),
-                strict=True,
-            ):
-                raw = messages.TYPES.serialize_cdr(said, kind)
-                writer.write(outlet, stamp + later_ns, raw)
-    return path
+    shown = [messages.scene(index) for index in range(12)]
+    shown[3] = shown[3][0], shown[3][1][:50]
+    stamped = ((5_000_000_000 + index * STEP_NS, pair) for index, pair in enumerate(shown))
+    return write_bag(tmp_path_factory.mktemp("bags") / "recorded", stamped)
 
 
 def read_ids(path):
@@ -80,13 +81,7 @@ def test_the_command_says_what_it_did(bag, tmp_path, capsys):
 
 
 def test_messages_without_a_stamp_are_told(tmp_path):
-    with Writer(tmp_path / "in", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        kind, (picture, numbers) = "sensor_msgs/msg/Image", messages.scene(0)
-        for topic, said in zip(
-            TOPICS.names, (messages.image(picture), messages.image(numbers, "16UC1")), strict=True
-        ):
-            outlet = writer.add_connection(topic, kind, typestore=messages.TYPES)
-            writer.write(outlet, STEP_NS, messages.TYPES.serialize_cdr(said, kind))
+    write_bag(tmp_path / "in", [(0, messages.scene(0))])
     done = identify_bag(tmp_path / "in", tmp_path / "out", TOPICS)
     assert done.num_images == 0
     assert len(done.refused) == 2

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from remind_jax.errors import SourceError
 from remind_jax.session.announcement import DETECTOR_DEFAULT
 from remind_jax.session.live import Tracker
 from tests.ros import messages
@@ -310,7 +311,5 @@ def test_a_busy_tracker_skips_images(start):
 
 
 def test_something_must_be_detected(start):
-    from remind_jax.errors import SourceError
-
     with pytest.raises(SourceError, match="set use_instances, use_detections"):
         start(use_instances=False, use_detections=False)

@@ -9,12 +9,12 @@ from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler
 from typing import Any, Self
 
-import cv2
 import numpy as np
 import pytest
 
 from remind_jax.sources.feed import Feed
 from tests.cli.scenes import CLASSES, picture
+from tests.sources.making import encode_image
 
 BOUNDARY = b"frame"
 
@@ -44,8 +44,7 @@ def shown_at(number: int) -> tuple[np.ndarray, np.ndarray]:
 
 def jpeg(number: int) -> bytes:
     """The picture of a number, with few losses."""
-    image = cv2.cvtColor(shown_at(number)[0], cv2.COLOR_RGB2BGR)
-    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+    return encode_image(".jpg", shown_at(number)[0])
 
 
 def number_in(image: np.ndarray) -> int:

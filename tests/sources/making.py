@@ -3,13 +3,17 @@
 import json
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
 import numpy as np
+
+from remind_jax.frame import Detections
+from remind_jax.masks.run_length import encode_masks
 
 SIZE = (32, 48)  # height, width in pixels
 
@@ -21,10 +25,10 @@ def picture(index: int, size: tuple[int, int] = SIZE) -> np.ndarray:
     return image
 
 
-def encode_image(suffix: str, image: np.ndarray) -> bytes:
-    """A picture, RGB or gray, as a file holds it."""
+def encode_image(suffix: str, image: np.ndarray, options: Sequence[int] = ()) -> bytes:
+    """A picture, RGB or gray, as a file holds it; options are those of OpenCV."""
     bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR) if image.ndim == 3 else image
-    ok, data = cv2.imencode(suffix, bgr)
+    ok, data = cv2.imencode(suffix, bgr, options)
     assert ok
     return data.tobytes()
 
@@ -32,6 +36,13 @@ def encode_image(suffix: str, image: np.ndarray) -> bytes:
 def write_image(path: Path, image: np.ndarray) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(encode_image(path.suffix, image))
+
+
+def write_files(folder: Path, files: dict[str, bytes]) -> Path:
+    for name, data in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    return folder
 
 
 def write_images(folder: Path, names: list[str], size: tuple[int, int] = SIZE) -> None:
@@ -66,8 +77,8 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-def palette_png(pixels: np.ndarray, depth: int = 8) -> bytes:
-    return png(pixels, depth, color_type=3, num_colors=2**depth)
+def palette_png(pixels: np.ndarray) -> bytes:
+    return png(pixels, 8, color_type=3, num_colors=2**8)
 
 
 def instance_map(size: tuple[int, int] = SIZE, ids: tuple[int, ...] = (1, 2)) -> np.ndarray:
@@ -78,9 +89,14 @@ def instance_map(size: tuple[int, int] = SIZE, ids: tuple[int, ...] = (1, 2)) ->
     return labels
 
 
+def run_lengths(mask: np.ndarray) -> dict[str, Any]:
+    """The code of a mask, as JSON holds it."""
+    (code,) = encode_masks(mask[None])
+    return {"size": list(code["size"]), "counts": code["counts"].decode()}
+
+
 def write_map(path: Path, ids: tuple[int, ...] = (1, 2)) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(gray_png(instance_map(ids=ids)))
+    write_image(path, instance_map(ids=ids))
 
 
 def write_davis(root: Path, name: str = "room", num: int = 3, metadata: dict | None = None) -> None:
@@ -91,6 +107,13 @@ def write_davis(root: Path, name: str = "room", num: int = 3, metadata: dict | N
         (root / "metadata.json").write_text(json.dumps(metadata))
 
 
+def assert_same_detections(one: Detections, other: Detections) -> None:
+    np.testing.assert_array_equal(one.masks, other.masks)
+    np.testing.assert_array_equal(one.scores, other.scores)
+    np.testing.assert_array_equal(one.instance_ids, other.instance_ids)
+    assert one.labels == other.labels
+
+
 LABELS = {"id_to_label": {"1": "cup_01", "2": "desk_lamp_3"}}
 
 
@@ -98,20 +121,22 @@ def write_video(
     path: Path,
     num: int = 20,
     codec: str = "libx264",
-    fps: int = 10,
     times: Sequence[int] | None = None,
+    *,
+    make: Callable[[int], np.ndarray] = picture,
+    pixels: str = "yuv420p",
     **options: str,
 ) -> None:
     with av.open(str(path), "w", options=options) as container:
-        stream = container.add_stream(codec, rate=fps)
-        stream.height, stream.width = SIZE  # pyright: ignore[reportAttributeAccessIssue]
-        stream.pix_fmt, stream.gop_size = "yuv420p", 5  # pyright: ignore[reportAttributeAccessIssue]
+        stream: Any = container.add_stream(codec, rate=10)
+        stream.height, stream.width = make(0).shape[:2]
+        stream.pix_fmt, stream.gop_size = pixels, 5
         for index in range(num):
-            frame = av.VideoFrame.from_ndarray(picture(index), format="rgb24")
+            frame = av.VideoFrame.from_ndarray(make(index), format="rgb24")
             if times is not None:
-                frame.pts, frame.time_base = times[index], Fraction(1, fps)
-            container.mux(stream.encode(frame))  # pyright: ignore
-        container.mux(stream.encode())  # pyright: ignore[reportAttributeAccessIssue]
+                frame.pts, frame.time_base = times[index], Fraction(1, 10)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
 
 
 def jpg(index: int) -> bytes:

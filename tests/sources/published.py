@@ -62,23 +62,17 @@ class DLPackOnly:
 
 
 def ultralytics_results(
-    frame_size: tuple[int, int],
-    boxes: Any,
-    planes: Any = None,
-    classes: Any = None,
-    device: str = "cpu",
+    frame_size: tuple[int, int], boxes: Any, planes: Any = None, classes: Any = None
 ) -> types.SimpleNamespace:
     """`Results` of a YOLO: boxes [N, 4], planes over the network's input."""
     boxes = np.asarray(boxes, np.float32).reshape(-1, 4)
     classes = np.zeros(len(boxes)) if classes is None else np.asarray(classes)
     found = types.SimpleNamespace(
-        xyxy=Tensor(boxes, device),
-        conf=Tensor(np.linspace(0.9, 0.5, len(boxes), dtype=np.float32), device),
-        cls=Tensor(classes.astype(np.float32), device),
+        xyxy=Tensor(boxes),
+        conf=Tensor(np.linspace(0.9, 0.5, len(boxes), dtype=np.float32)),
+        cls=Tensor(classes.astype(np.float32)),
     )
-    masks = None
-    if planes is not None:
-        masks = types.SimpleNamespace(data=Tensor(np.asarray(planes), device))
+    masks = None if planes is None else types.SimpleNamespace(data=Tensor(planes))
     return types.SimpleNamespace(
         boxes=found, masks=masks, names={0: "cup", 1: "tv"}, orig_shape=frame_size, probs=None
     )

@@ -14,6 +14,7 @@ import av
 
 from tests.sources.cameras import Switched, shown_at
 
+_FPS = 20
 _PACKET = 7 * 188  # bytes of MPEG-TS in one packet of RTP
 _SDP = (
     "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=camera\r\nc=IN IP4 127.0.0.1\r\nt=0 0\r\n"
@@ -42,9 +43,9 @@ class _Pipe(io.RawIOBase):
 class RtspCamera(Switched):
     """A camera that plays to whoever asks."""
 
-    def __init__(self, fps: int = 20) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.fps, self.num_sent = fps, 0
+        self.num_sent = 0
 
     @property
     def url(self) -> str:
@@ -85,7 +86,7 @@ class RtspCamera(Switched):
     def _play(self, handler: socketserver.StreamRequestHandler) -> None:
         pipe, sequence = _Pipe(), 0
         with av.open(pipe, "w", format="mpegts") as container:
-            stream: Any = container.add_stream("libx264", rate=self.fps)
+            stream: Any = container.add_stream("libx264", rate=_FPS)
             stream.height, stream.width = shown_at(0)[0].shape[:2]
             stream.pix_fmt = "yuv420p"
             stream.options = {"preset": "ultrafast", "tune": "zerolatency", "g": "10", "crf": "18"}
@@ -101,5 +102,5 @@ class RtspCamera(Switched):
                     handler.wfile.write(struct.pack(">BBH", 0x24, 0, len(packet)) + packet)
                     sequence += 1
                 self.num_sent += 1
-                due += 1 / self.fps
+                due += 1 / _FPS
                 self._over.wait(max(0.0, due - time.monotonic()))

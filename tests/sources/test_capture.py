@@ -17,7 +17,7 @@ from remind_jax.errors import SourceError, UnreadableFrame
 from remind_jax.sources import capture
 from remind_jax.sources.address import read_address
 from remind_jax.sources.capture import Lost, Unreachable, open_capture
-from tests.cli.scenes import write_video
+from tests.sources import making
 from tests.sources.cameras import Camera, jpeg, number_in
 
 pytestmark = pytest.mark.heavy
@@ -26,8 +26,7 @@ WAIT_S = 5.0
 
 
 def open_url(url: str | int, wait_s: float = WAIT_S) -> capture.Capture:
-    address = read_address(url)
-    return open_capture(address, wait_s)
+    return open_capture(read_address(url), wait_s)
 
 
 @contextlib.contextmanager
@@ -58,7 +57,7 @@ def web(tmp_path_factory) -> Iterator[str]:
     """A server of files."""
     folder = tmp_path_factory.mktemp("www")
     (folder / "page.html").write_text("<html>no stream</html>" * 50)
-    write_video(folder / "rooms.mp4", 20)
+    making.write_video(folder / "rooms.mp4", 20, movflags="faststart")
 
     class Quiet(SimpleHTTPRequestHandler):
         def log_message(self, format: str, *args: object) -> None:
@@ -84,9 +83,7 @@ def test_pictures_of_a_stream_come_one_by_one():
         stream = open_url(camera.url)
         numbers = []
         for _ in range(5):
-            picture = stream.read()
-            content = picture()
-            numbers.append(number_in(content.image))
+            numbers.append(number_in(stream.read()().image))
         stream.close()
     assert numbers == list(range(numbers[0], numbers[0] + 5))
 
@@ -192,9 +189,7 @@ class Device:
 def test_pictures_of_a_camera_are_rgb_and_end_where_it_is_unplugged(monkeypatch):
     monkeypatch.setattr(cv2, "VideoCapture", Device)
     camera = open_url(0)
-    picture = camera.read()
-    content = picture()
-    assert content.image[0, 0].tolist() == [0, 0, 200]
+    assert camera.read()().image[0, 0].tolist() == [0, 0, 200]
     camera.read()
     with pytest.raises(Lost, match="gave no picture"):
         camera.read()

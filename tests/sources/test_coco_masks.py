@@ -3,7 +3,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hotcoco import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.formats.coco import read_categories
@@ -15,12 +14,7 @@ MASK = making.instance_map() == 2
 CATEGORIES = [{"id": 1, "name": "cup"}, {"id": 5, "name": "tv"}]
 
 
-def encode(mask):
-    rle = coco_mask.encode(np.asfortranarray(mask.astype(np.uint8)))
-    return {"size": rle["size"], "counts": rle["counts"].decode()}  # pyright: ignore
-
-
-RLE = encode(MASK)
+RLE = making.run_lengths(MASK)
 
 
 def opened(tmp_path, content, names=("00003.png", "00004.png"), suffix=".json", **options):
@@ -179,7 +173,7 @@ BAD_ROWS = {
     "negative box": {"segmentation": None, "bbox": [1, 2, -3, 4]},
     "short box": {"segmentation": None, "bbox": [1, 2]},
     "no image": {"image_id": None},
-    "other size": {"segmentation": encode(np.ones((30, 7), bool))},
+    "other size": {"segmentation": making.run_lengths(np.ones((30, 7), bool))},
 }
 
 

@@ -2,7 +2,6 @@
 
 import json
 
-import cv2
 import numpy as np
 import pytest
 
@@ -11,6 +10,7 @@ from remind_jax import crops
 from remind_jax.errors import SourceError
 from remind_jax.session import growing_memory
 from remind_jax.static import MOST_DETECTIONS
+from tests.sources import making
 
 HEIGHT, WIDTH = 90, 100
 TOO_MANY = MOST_DETECTIONS + 1
@@ -19,11 +19,8 @@ SAID = f"{TOO_MANY} detections, at most {MOST_DETECTIONS}"
 
 @pytest.fixture
 def images(tmp_path):
-    folder = tmp_path / "images"
-    folder.mkdir()
-    for index in range(2):
-        cv2.imwrite(str(folder / f"{index}.png"), np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
-    return folder
+    making.write_images(tmp_path / "images", ["0.png", "1.png"], (HEIGHT, WIDTH))
+    return tmp_path / "images"
 
 
 def crowd():
@@ -34,11 +31,10 @@ def crowd():
 
 
 def write_maps(folder):
-    (folder / "masks").mkdir()
     few = np.zeros((HEIGHT, WIDTH), np.uint16)
     few[10:50, 20:60] = 3
     for index, labels in enumerate((crowd(), few)):
-        cv2.imwrite(str(folder / "masks" / f"{index}.png"), labels)
+        making.write_image(folder / "masks" / f"{index}.png", labels)
     return folder / "masks"
 
 

@@ -9,9 +9,7 @@ FILES = {"b/2.txt": b"two", "b/10.txt": b"ten", "a.txt": b"a", "b/c/x": b"", ".h
 
 
 def test_files_and_folders_by_name(tmp_path):
-    for name, data in FILES.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_bytes(data)
+    making.write_files(tmp_path, FILES)
     assert files_in(tmp_path) == ["a.txt"]
     assert files_in(tmp_path / "b") == ["2.txt", "10.txt"]
     assert folders_in(tmp_path) == ["b"]

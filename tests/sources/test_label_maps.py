@@ -1,4 +1,3 @@
-import cv2
 import numpy as np
 import pytest
 
@@ -84,8 +83,7 @@ def test_masks_folder_beside_any_images(tmp_path):
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".TIFF"])
 def test_a_folder_of_maps_of_any_suffix_that_is_read(tmp_path, suffix):
     making.write_images(tmp_path / "v", ["0.jpg"])
-    (tmp_path / "m").mkdir()
-    cv2.imwrite(str(tmp_path / f"m/0{suffix}"), making.instance_map())
+    making.write_map(tmp_path / f"m/0{suffix}")
     (frame,) = open_source(tmp_path / "v", masks=tmp_path / "m")
     assert frame.detections.instance_ids.tolist() == [1, 2]
 

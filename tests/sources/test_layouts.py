@@ -23,10 +23,7 @@ def test_a_folder_of_one_folder_and_one_image_are_sequences(tmp_path, place, ope
     ],
 )
 def test_a_folder_without_one_sequence_says_what_to_do(tmp_path, files, why):
-    for name in files:
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(making.jpg(0))
+    making.write_files(tmp_path, dict.fromkeys(files, making.jpg(0)))
     with pytest.raises(SourceError, match=why):
         locate(tmp_path, Choice())
 

@@ -31,12 +31,6 @@ def open_live(*args, **options) -> LiveSource:
     return source
 
 
-def drop_out(camera: Camera | RtspCamera) -> None:
-    """Away now, back in more than half a second."""
-    camera.switch_off()
-    threading.Timer(0.6, camera.switch_on).start()
-
-
 def numbers_of(frames: list[rj.Frame]) -> list[int]:
     return [number_in(frame.image) for frame in frames if frame.image is not None]
 
@@ -209,7 +203,8 @@ def test_an_rtsp_camera_drops_out_and_comes_back():
             numbers.append(number_in(frame.image))
             news += source.take_news()
             if len(numbers) == 5:
-                drop_out(camera)
+                camera.switch_off()
+                threading.Timer(0.6, camera.switch_on).start()
             if news and len(numbers) > 15:
                 source.stop()
     assert len(news) == 1

@@ -16,8 +16,7 @@ def same_frames(one, other):
             assert getattr(a, field) == getattr(b, field)
         assert (a.detections is None) == (b.detections is None)
         if a.detections is not None:
-            np.testing.assert_array_equal(a.detections.masks, b.detections.masks)
-            assert a.detections.labels == b.detections.labels
+            making.assert_same_detections(a.detections, b.detections)
 
 
 @pytest.mark.parametrize("kind", ["video", "images", "davis"])

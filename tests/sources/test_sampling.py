@@ -13,12 +13,9 @@ class Item:
     time_s: float
 
 
-def items(num, fps=30.0):
-    return [Item(i, i / fps) for i in range(num)]
-
-
-def chosen(sampling, num, fps=30.0):
-    return [item.source_index for item in sampling.select(items(num, fps))]
+def chosen(sampling, num):
+    items = [Item(i, i / 30) for i in range(num)]
+    return [item.source_index for item in sampling.select(items)]
 
 
 def test_range_and_stride():

@@ -1,9 +1,7 @@
 import dataclasses
 
-import numpy as np
 import pytest
 
-from remind_jax.frame import Detections, Frame
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, render_sequence
 
 SMALL = SceneOptions(
@@ -22,16 +20,6 @@ SMALL = SceneOptions(
 TINY = dataclasses.replace(
     SMALL, name="tiny", num_rooms=1, objects_per_room=5, frames=6, absence_frames=2
 )
-
-
-def image_of(frame: Frame) -> np.ndarray:
-    assert frame.image is not None
-    return frame.image
-
-
-def detections_of(frame: Frame) -> Detections:
-    assert frame.detections is not None
-    return frame.detections
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import pytest
 from remind_jax.errors import OutputError
 from remind_jax.sources import open_source
 from remind_jax.synthetic import record_davis, write_davis
+from tests.sources.making import assert_same_detections
 
 
 def test_davis_layout_holds_the_sequence(tiny, tmp_path):
@@ -21,7 +22,6 @@ def test_davis_layout_holds_the_sequence(tiny, tmp_path):
     for frame in tiny.frames:
         path = root / "Annotations" / "tiny" / f"{frame.name}.png"
         instances = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        assert instances is not None
         assert instances.dtype == np.uint8
         assert instances.ndim == 2
         ids = frame.detections.instance_ids.tolist()
@@ -29,7 +29,6 @@ def test_davis_layout_holds_the_sequence(tiny, tmp_path):
         for mask, instance in zip(frame.detections.masks, ids, strict=True):
             np.testing.assert_array_equal(instances == instance, mask)
         bgr = cv2.imread(str(root / "JPEGImages" / "tiny" / f"{frame.name}.jpg"))
-        assert bgr is not None
         # JPEG at quality 92 is off by a grey level or two on average.
         assert np.abs(bgr[..., ::-1].astype(float) - frame.image).mean() < 4
 
@@ -58,12 +57,7 @@ def test_recorded_frames_are_those_that_are_read_again(tiny, tmp_path):
     for one, other in zip(recorded, read, strict=True):
         assert (one.time_s, one.is_timed) == (other.time_s, other.is_timed)
         np.testing.assert_array_equal(one.image, other.image)
-        found, found_again = one.detections, other.detections
-        assert found is not None
-        assert found_again is not None
-        np.testing.assert_array_equal(found.masks, found_again.masks)
-        np.testing.assert_array_equal(found.instance_ids, found_again.instance_ids)
-        assert found.labels == found_again.labels
+        assert_same_detections(one.detections, other.detections)
 
 
 def test_ids_beyond_eight_bits_are_refused(tiny, tmp_path):

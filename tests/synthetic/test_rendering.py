@@ -6,13 +6,13 @@ import pytest
 from remind_jax.synthetic import make_scene, render, render_sequence
 from remind_jax.synthetic.raster import NO_FACE, Camera, see_faces
 from remind_jax.synthetic.rendering import _build_world
-from tests.synthetic.conftest import SMALL, TINY, detections_of, image_of
+from tests.synthetic.conftest import SMALL, TINY
 
 
 def visible_frames(sequence):
     seen = {}
     for frame in sequence.frames:
-        for instance in detections_of(frame).instance_ids.tolist():
+        for instance in frame.detections.instance_ids.tolist():
             seen.setdefault(instance, []).append(frame.index)
     return seen
 
@@ -21,13 +21,13 @@ def test_same_options_give_the_same_bytes(tiny):
     again = render_sequence(TINY)
     assert again.scene == tiny.scene
     for one, other in zip(tiny.frames, again.frames, strict=True):
-        np.testing.assert_array_equal(image_of(one), image_of(other))
-        np.testing.assert_array_equal(detections_of(one).masks, detections_of(other).masks)
+        np.testing.assert_array_equal(one.image, other.image)
+        np.testing.assert_array_equal(one.detections.masks, other.detections.masks)
 
 
 def test_masks_are_disjoint_and_large_enough(small):
     for frame in small.frames:
-        masks = np.asarray(detections_of(frame).masks)
+        masks = np.asarray(frame.detections.masks)
         assert masks.sum(0, dtype=int).max(initial=0) <= 1
         assert (masks.sum((1, 2)) >= SMALL.min_mask_px).all()
 
@@ -37,9 +37,9 @@ def test_ids_are_stable_and_of_one_class(small):
     assert sorted(label_of) == list(range(1, len(label_of) + 1))
     num_seen = 0
     for frame in small.frames:
-        ids = detections_of(frame).instance_ids.tolist()
+        ids = frame.detections.instance_ids.tolist()
         assert len(set(ids)) == len(ids)
-        assert [label_of[i] for i in ids] == list(detections_of(frame).labels)
+        assert [label_of[i] for i in ids] == list(frame.detections.labels)
         num_seen += len(ids)
     assert num_seen > 2 * SMALL.frames
 
@@ -88,4 +88,4 @@ def test_harder_options_render(changes):
     assert len(frames) == options.frames
     sources = [frame.source_index for frame in frames]
     assert sources == sorted(set(sources))
-    assert sum(len(detections_of(frame)) for frame in frames) > 0
+    assert sum(len(frame.detections) for frame in frames) > 0

@@ -1,7 +1,5 @@
 """Objects that fly about: each on a way of its own, gone at times, back elsewhere."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -39,19 +37,14 @@ def test_ways_have_no_jumps_within_a_visit_and_gaps_between():
     assert absences > 8
 
 
-def instances(options: SceneOptions) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Instance ids and masks of every frame."""
-    for frame in render(make_scene(options)):
-        assert frame.detections is not None
-        yield frame.detections.instance_ids, np.asarray(frame.detections.masks)
-
-
 def test_the_camera_stands_and_the_objects_move_in_the_picture():
     options = SceneOptions(**OPTIONS, roaming=1.0, camera="still", shake=0.0)
-    assert len({(pose.position_m, pose.yaw_rad) for pose in make_scene(options).path.poses}) == 1
+    scene = make_scene(options)
+    assert len({(pose.position_m, pose.yaw_rad) for pose in scene.path.poses}) == 1
     centers = {}
-    for ids, masks in instances(options):
-        for instance, mask in zip(ids, masks, strict=True):
+    for frame in render(scene):
+        found = frame.detections
+        for instance, mask in zip(found.instance_ids, found.masks, strict=True):
             rows, columns = np.nonzero(mask)
             centers.setdefault(int(instance), []).append((columns.mean(), rows.mean()))
     moved = [np.ptp(np.array(way), axis=0).max() for way in centers.values() if len(way) > 8]

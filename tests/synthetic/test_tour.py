@@ -6,12 +6,9 @@ import pytest
 from remind_jax.synthetic import SceneOptions, make_scene
 
 
-def yaw_steps_deg(scene):
-    return np.abs(np.diff(np.degrees([pose.yaw_rad for pose in scene.path.poses])))
-
-
 def test_the_demo_camera_turns_slowly():
-    steps = yaw_steps_deg(make_scene(SceneOptions()))
+    poses = make_scene(SceneOptions()).path.poses
+    steps = np.abs(np.diff(np.degrees([pose.yaw_rad for pose in poses])))
     assert 1.0 < steps.mean() < 3.0
     assert steps.max() < 5.0
 

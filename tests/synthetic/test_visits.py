@@ -6,19 +6,11 @@ import itertools
 import pytest
 
 from benchmarks.visits import kept_places, split_visits
-from remind_jax.synthetic import SceneOptions, render_sequence
+from remind_jax.synthetic import render_sequence
+from tests.synthetic.conftest import TINY
 
-OPTIONS = SceneOptions(
-    seed=3,
-    objects_per_room=5,
-    frames=12,
-    absence_frames=4,
-    width=64,
-    height=48,
-    min_mask_px=8,
-    moved=0.2,
-    removed=0.2,
-    added=0.2,
+OPTIONS = dataclasses.replace(
+    TINY, num_rooms=2, frames=12, absence_frames=4, moved=0.2, removed=0.2, added=0.2
 )
 
 
@@ -29,7 +21,7 @@ def tour():
 
 def test_visits_are_the_tour_cut_in_its_absences(tour):
     visits = split_visits(tour)
-    assert [visit.scene.name for visit in visits] == ["tour-visit1", "tour-visit2"]
+    assert [visit.scene.name for visit in visits] == ["tiny-visit1", "tiny-visit2"]
     (away,) = tour.scene.path.away
     assert len(visits[0].frames) == sum(away) // 2
     whole = [frame.image for visit in visits for frame in visit.frames]

@@ -47,7 +47,6 @@ def conversion(tmp_path):
 def refusal(conversion, *args, **kwargs) -> str:
     with pytest.raises(WeightsError) as caught:
         conversion(*args, **kwargs)
-    assert "\n" not in str(caught.value)
     return str(caught.value)
 
 

