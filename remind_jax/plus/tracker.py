@@ -56,6 +56,7 @@ from remind_jax.plus.own_movement import (
     mobility_of,
     staying_of_class,
 )
+from remind_jax.plus.scene_change import fade_cosines, is_another, looks_left
 from remind_jax.plus.scene_map import (
     center_variance,
     correct_map,
@@ -145,6 +146,7 @@ class _Linked(NamedTuple):
     trust: Float[Array, "N"]  # how probable each link is
     tracklets: Tracklets  # those of the detections first
     next_id: Int[Array, ""]
+    doubt: Float[Array, ""]  # how little the estimated motion of the image is believed
     objects: Objects  # where they are by the motion of the image
     pairs: Pairs
 
@@ -166,7 +168,8 @@ def _link(
     limited = jnp.where(state.tracklets.met > 0, unlike, jnp.maximum(unlike, -UNLIKE))
     confused = confusion_odds(state.scene, t.names)
     over_cut = unlike + cut_odds(unlike, state.tracklets, sightings)
-    look_odds = limited + doubt_of(motion) * (over_cut - limited)
+    doubt = doubt_of(motion)
+    look_odds = limited + doubt * (over_cut - limited)
     look_odds += name_odds(sightings.class_id, state.tracklets.class_id, confused)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, t)
     objects, pairs = move_map(
@@ -220,6 +223,7 @@ def _link(
         trust=link_trust,
         tracklets=tracklets,
         next_id=next_id,
+        doubt=doubt,
         objects=objects,
         pairs=pairs,
     )
@@ -240,7 +244,13 @@ def _recognize(
     # Which differences of looks matter in this scene?
     share = jnp.where(counts, share_of(here, objects), 0.0)
     alike = jnp.where(linked.cropped, NO_SLOT, origin)
-    scene = learn_scatter(state.scene, sightings, linked.change, alike != NO_SLOT, share, frame)
+    begins = sightings.valid & (origin == NO_SLOT)
+    another = is_another(begins, sightings.valid, linked.doubt)
+    left = looks_left(state.scene, sightings.look, begins, another)
+    scene = fade_cosines(state.scene, another)
+    scene = learn_scatter(
+        scene, sightings, linked.change, alike != NO_SLOT, share, frame, left=left
+    )
     scene = learn_links(scene, state.tracklets, linked.likeness, alike, share)
     before = jnp.maximum(origin, 0)
     goes_on = (origin != NO_SLOT) & state.tracklets.just_seen[before]

@@ -99,6 +99,7 @@ def learn_scatter(
     linked: Bool[Array, "N"],
     share: Float[Array, "N"],
     frame: Int[Array, ""],
+    left: Float[Array, ""] | float = 1.0,
 ) -> Scene:
     """Takes the looks and backgrounds of a frame into the statistics.
 
@@ -108,12 +109,13 @@ def learn_scatter(
       step: Look minus the smoothed look of its tracklet before.
       linked: Detections that continue a tracklet.
       share: How much each teaches (`share_of`).
+      left: Share of the looks before that counts on (`scene_change.looks_left`).
     """
     of_look, of_ring, of_step = share * jnp.stack([sightings.valid, sightings.has_ring, linked])
     looks, rings, steps = jnp.sum(of_look), jnp.sum(of_ring), jnp.sum(of_step)
     # Running means forget beyond a number of samples, scatters with each.
-    num_looks = jnp.minimum(scene.num_looks + looks, MEAN_SAMPLES)
-    num_rings = jnp.minimum(scene.num_rings + rings, MEAN_SAMPLES)
+    num_looks = jnp.minimum(left * scene.num_looks + looks, MEAN_SAMPLES)
+    num_rings = jnp.minimum(left * scene.num_rings + rings, MEAN_SAMPLES)
     off_mean = _weighed(of_look, sightings.look - scene.mean)
     off_ring = _weighed(of_ring, sightings.ring - scene.ring_mean)
     mean = scene.mean + jnp.sum(off_mean, axis=0) / jnp.maximum(num_looks, _TINY)
@@ -122,7 +124,7 @@ def learn_scatter(
     offset = class_offset(scene, sightings.class_id)
     around = _weighed(jnp.sqrt(of_look), sightings.look - mean - offset)
     within = _weighed(jnp.sqrt(of_step), step)
-    looks_fade, steps_fade = SCATTER_DECAY**looks, SCATTER_DECAY**steps
+    looks_fade, steps_fade = left * SCATTER_DECAY**looks, SCATTER_DECAY**steps
     place = frame % REFRESH_FRAMES
     is_now = np.arange(REFRESH_FRAMES) == place
     return dataclasses.replace(
