@@ -32,7 +32,7 @@ def is_another(
       valid: Detections.
       doubt: How little the estimated motion of the image is believed.
     """
-    share = jnp.sum(begins) / jnp.maximum(jnp.sum(valid), 1)
+    share = jnp.sum(begins, dtype=doubt.dtype) / jnp.maximum(jnp.sum(valid), 1)
     return jnp.maximum(2.0 * doubt * share - 1.0, 0.0)
 
 
