@@ -20,9 +20,9 @@ from remind_jax.baselines.parts.scene_memory import Matching, SceneMemory
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.constant_arrays import zeros
+from remind_jax.numerics.plane import overlap_of
 from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import AnyFeats, Masks, without_coverage
-from remind_jax.plus.plane import overlap_of
 from remind_jax.settings.kinds import Real, Whole
 from remind_jax.settings.record import setting
 from remind_jax.solvers.assignment import assign

@@ -19,10 +19,10 @@ from remind_jax.baselines.parts.masked_mean import LookedAt, Looks, describe
 from remind_jax.baselines.parts.scene_memory import Matching, SceneMemory
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.constant_arrays import zeros
+from remind_jax.numerics.plane import overlap_of
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import Masks
-from remind_jax.plus.plane import overlap_of
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
 from remind_jax.static import Static

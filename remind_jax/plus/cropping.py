@@ -9,13 +9,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.plane import overlap_of
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import least_seen, name_odds
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.plane import overlap_of
 from remind_jax.plus.state import Tracklets
 
 CROPPED_ODDS = 0.65  # share of what look and name say of a link: they change with the outline

@@ -12,11 +12,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.plane import area_of, common_box, middle_of, squared_length, turned
 from remind_jax.numerics.ranks import largest
 from remind_jax.plus.clock import tick_of
 from remind_jax.plus.observation import Motion
 from remind_jax.plus.own_movement import LEAST_MOVES
-from remind_jax.plus.plane import area_of, common_box, middle_of, squared_length, turned
 from remind_jax.plus.state import Tracklets
 
 # Which of them meet.

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import fill_blocks
+from remind_jax.numerics.plane import squared_length
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
@@ -28,7 +29,6 @@ from remind_jax.plus.class_names import name_row
 from remind_jax.plus.clock import MISSED_TICKS, SLACK
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import mobility
-from remind_jax.plus.plane import squared_length
 from remind_jax.plus.scene_map import center_variance
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs, Scene, Tracklets

@@ -18,6 +18,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import count_up, fill_blocks
+from remind_jax.numerics.plane import log_ratios, mean_sizes
 from remind_jax.numerics.pooling import dot
 from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
@@ -27,7 +28,6 @@ from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import BORDER_ERROR, COSINE_DECAY
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import forgetting_speed
-from remind_jax.plus.plane import log_ratios, mean_sizes
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets

@@ -12,6 +12,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.plane import (
+    log_ratios,
+    mean_sizes,
+    middle_of,
+    overlap_of,
+    squared_length,
+    turned,
+    zoom_of,
+)
 from remind_jax.numerics.pooling import dot
 from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import largest
@@ -28,15 +37,6 @@ from remind_jax.plus.evidence import (
 )
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
-from remind_jax.plus.plane import (
-    log_ratios,
-    mean_sizes,
-    middle_of,
-    overlap_of,
-    squared_length,
-    turned,
-    zoom_of,
-)
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.plus.whitening import adjust_cosine, whiten_used

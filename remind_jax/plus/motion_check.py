@@ -17,12 +17,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from remind_jax.numerics.plane import squared_length
 from remind_jax.numerics.ranks import largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.clock import tick_of
 from remind_jax.plus.linking import Links, carry, score_links
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.plane import squared_length
 from remind_jax.plus.scene_map import DOUBTED_SCORE
 from remind_jax.plus.state import Tracklets
 

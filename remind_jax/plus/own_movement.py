@@ -17,9 +17,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.plane import medians, squared_length
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.plane import medians, squared_length
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import Objects, Scene, Tracklets
 

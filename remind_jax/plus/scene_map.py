@@ -19,10 +19,10 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import count_up
+from remind_jax.numerics.plane import medians, squared_length, turned, zoom_of
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import forgetting_speed
-from remind_jax.plus.plane import medians, squared_length, turned, zoom_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from remind_jax.numerics.plane import squared_length
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import relation_error
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.plane import squared_length
 from remind_jax.plus.state import NO_RELATION, Pairs
 
 GONE_ERROR = 1.5  # greatest standard deviation of an expected place, per size of the object

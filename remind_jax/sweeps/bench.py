@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import os
-import types
-import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
-import numpy as np
-
 from remind_jax import __version__
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
-from remind_jax.compiled.programs import identify, is_of_this_package
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.errors import ConfigError, SweepError
-from remind_jax.method import Method, get_method
+from remind_jax.method import get_method
 from remind_jax.session.delay import choose_delay
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import Sampling, Source, open_source
 from remind_jax.sources.opening import check_options
 from remind_jax.sweeps.cluster import Cluster
+from remind_jax.sweeps.method_code import code_of
 from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.result import SweepResult
 from remind_jax.sweeps.scene_arrays import SceneFrames, load_scene
@@ -285,70 +279,6 @@ def sweep(
 def _choose(config: str | Path | Config | Mapping[str, Any], tracker: str | None) -> Config:
     chosen = load_config(config)
     return chosen if tracker is None else chosen.with_tracker(tracker)
-
-
-def code_of(method: Method) -> str:
-    """The files of functions that are not of this package, and the values that are bound to them.
-
-    What the files import, and their globals, are not looked at.
-    """
-    return _text_of_method(method, [])
-
-
-def _text_of_method(method: Method, told: list[Any]) -> str:
-    functions = (method.init, method.describe, method.decide)
-    return "".join(_text_of(one, told) for one in functions if not is_of_this_package(one))
-
-
-def _text_of(value: Any, told: list[Any]) -> str:
-    """What tells a value from others, in any process; a function that was told of is left out."""
-    if isinstance(value, Method):
-        return value.name + _text_of_method(value, told)
-    if callable(value) and not isinstance(value, type):
-        if is_of_this_package(value):
-            return str(identify(value))
-        if any(value is one for one in told):
-            return ""
-        told.append(value)
-        return _text_around(value) + _text_of(_bound(value), told)
-    if isinstance(value, np.ndarray | jax.Array):
-        digest = hashlib.sha256(np.asarray(value).tobytes()).hexdigest()
-        return f"{value.dtype}{value.shape}{digest}"
-    leaves, structure = jax.tree.flatten(value)
-    is_tree = len(leaves) > 0 and leaves[0] is not value
-    text = str(structure) if is_tree else repr(value)
-    if " at 0x" in text:  # another one in every process, and nobody can tell what it holds
-        return uuid.uuid4().hex
-    return text + ",".join(_text_of(leaf, told) for leaf in leaves if is_tree)
-
-
-def _text_around(function: Any) -> str:
-    """The file that a function was compiled from, if it is not one that calls another."""
-    try:
-        return Path(function.__code__.co_filename).read_text()
-    except AttributeError:
-        calls_another = hasattr(function, "func") or hasattr(function, "__wrapped__")
-        return "" if calls_another else uuid.uuid4().hex
-    except OSError:  # of a notebook or a prompt nobody can tell what it was
-        return uuid.uuid4().hex
-
-
-def _bound(function: Any) -> list[Any]:
-    """What a function is made with: arguments, defaults, other functions, names from around it."""
-    names = (
-        "func",
-        "args",
-        "keywords",
-        "__wrapped__",
-        "__self__",
-        "__defaults__",
-        "__kwdefaults__",
-    )
-    cells = getattr(function, "__closure__", None) or ()
-    return [
-        *(getattr(function, name, None) for name in names),
-        *(cell.cell_contents for cell in cells if cell != types.CellType()),
-    ]
 
 
 def _as_list(scenes: Any) -> list[Any]:
