@@ -6,6 +6,7 @@ Rule: method_plus.md#scene-change. Letters: `N` detections, `D` feature dimensio
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -14,10 +15,7 @@ from remind_jax.numerics.control_flow import branch
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Scene
 
-# What counts of the past in another scene, samples.
-LOOKS_LEFT = 20.0  # of the mean and the scatter of looks
-COSINES_LEFT = 30.0  # of cosines of other objects, and of the same one
-CLASS_COSINES_LEFT = 10.0  # of those of a class
+SAMPLES_LEFT = 10.0  # that the past counts for in another scene
 # Looks are strange by their squared distances from the mean, beside those of looks so far.
 STRANGE_FROM, STRANGE_TO = 1.0, 2.0
 
@@ -40,23 +38,25 @@ def looks_left(
     scene: Scene, look: Float[Array, "N D"], begins: Bool[Array, "N"], another: Float[Array, ""]
 ) -> Float[Array, ""]:
     """Share of what was learned of looks that counts on, the less the stranger looks are now."""
+    product = functools.partial(jnp.matmul, precision="highest")
 
     def strangeness() -> Float[Array, ""]:
         total = scene.total / jnp.maximum(scene.total_weight, 1.0)
-        spread = jnp.sum(diagonal(scene.whitener @ total @ scene.whitener.T))
-        off = jnp.where(begins[:, None], look - scene.mean, 0.0) @ scene.whitener.T
+        spread = jnp.sum(diagonal(product(product(scene.whitener, total), scene.whitener.T)))
+        off = jnp.where(begins[:, None], look - scene.mean, 0.0)
+        off = product(off, scene.whitener.T)
         distance = jnp.sum(off**2) / jnp.maximum(jnp.sum(begins), 1)
         ratio = distance / jnp.maximum(spread, 1e-9)
         return jnp.clip((ratio - STRANGE_FROM) / (STRANGE_TO - STRANGE_FROM), 0.0, 1.0)
 
     strange = branch(another > 0.0, strangeness, lambda: jnp.zeros_like(another))
-    return _left(scene.total_weight, LOOKS_LEFT, another * strange)
+    return _left(scene.total_weight, another * strange)
 
 
 def fade_cosines(scene: Scene, another: Float[Array, ""]) -> Scene:
     """The scene, whose cosines count less where another one is in view."""
-    of_all = _left(scene.cosine_weight, COSINES_LEFT, another)
-    of_class = _left(scene.class_cosines[0], CLASS_COSINES_LEFT, another)
+    of_all = _left(scene.cosine_weight, another)
+    of_class = _left(scene.class_cosines[0], another)
     return dataclasses.replace(
         scene,
         cosine_weight=scene.cosine_weight * of_all,
@@ -66,8 +66,6 @@ def fade_cosines(scene: Scene, another: Float[Array, ""]) -> Scene:
     )
 
 
-def _left(
-    weight: Float[Array, "*any"], most: float, another: Float[Array, ""]
-) -> Float[Array, "*any"]:
-    """Share that counts on of so many samples, of which `most` do in another scene."""
-    return 1.0 - another * (1.0 - most / jnp.maximum(weight, most))
+def _left(weight: Float[Array, "*any"], another: Float[Array, ""]) -> Float[Array, "*any"]:
+    """Share of so many samples that counts on."""
+    return 1.0 - another * (1.0 - SAMPLES_LEFT / jnp.maximum(weight, SAMPLES_LEFT))
