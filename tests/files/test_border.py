@@ -28,7 +28,7 @@ OUR_OWN = {
     "remind_jax/live_page/server.py": "the page that it serves",
     "remind_jax/outputs/overlay.py": "whether its own video can be played",
     "remind_jax/session/growing_memory.py": "the memory of the system, in /proc",
-    "remind_jax/sweeps/bench.py": "the source of a tracker that runs already, for a digest",
+    "remind_jax/sweeps/method_code.py": "the source of a tracker that runs already, for a digest",
     "weights_convert/variant_detection.py": "values of a configuration that was read already",
 }
 
