@@ -1,11 +1,12 @@
-"""Clips of `realvideo.py` in other orders: new recordings of which the truth is known.
+"""Clips of `realvideo.py` in other orders and light: new recordings of which the truth is known.
 
     python benchmarks/clip_orders.py CLIPS OUT        writes the sets below into OUT
     python benchmarks/realvideo.py OUT/interleaved    as any set of clips
 
 backwards: the last frame first. shuffled: five parts in another order, in two ways. interleaved:
 the first half of a clip and that of another one, then the rest of both, with gray frames between,
-for every two clips of one frame size: who comes back was away in another scene.
+for every two clips of one frame size: who comes back was away in another scene. light: each fifth
+in a light of its own, of another color, brightness and contrast.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks.clips import Clip, find_clips
 
 PARTS, SEEDS = 5, (1, 2)
+# Of the lights: brightness, what each color has beside it, and contrast.
+BRIGHTNESS, TINT, CONTRAST = (0.6, 1.2), (0.75, 1.2), (0.75, 1.4)
 GRAY_FRAMES, GRAY = 15, 128
 _LABELS = 1000  # objects of a clip have numbers below
 
@@ -50,6 +53,9 @@ def main() -> None:
             random.Random(seed).shuffle(parts)
             name = f"{clip.name}_shuffled_{seed}"
             write(out / "shuffled" / name, [(clip, part) for part in parts])
+            folder = out / "light" / f"{clip.name}_light_{seed}"
+            write(folder, [(clip, range(num))])
+            relight(folder, random.Random(seed))
     for one, other in itertools.permutations(clips, 2):
         if frame_size(one) == frame_size(other):
             first, last = zip(halves(one), halves(other), strict=True)
@@ -104,6 +110,23 @@ def write(folder: Path, stretches: Sequence[Stretch]) -> None:
     (folder / "detections.jsonl.gz").write_bytes(packed)
     told = {"labels_of_detections": labels, "id_to_class": classes}
     (folder / "metadata.json").write_text(json.dumps(told))
+
+
+def relight(folder: Path, chance: random.Random) -> None:
+    """Replaces the links to frames by these in other lights, the first one as it is."""
+    files = sorted((folder / "JPEGImages" / folder.name).iterdir())
+    lights = [(np.ones(3), 1.0)]
+    for _ in range(PARTS - 1):
+        brightness = chance.uniform(*BRIGHTNESS)
+        colors = np.array([brightness * chance.uniform(*TINT) for _ in range(3)])
+        lights.append((colors, chance.uniform(*CONTRAST)))
+    for number, file in enumerate(files):
+        colors, contrast = lights[number * PARTS // len(files)]
+        image = cv2.imread(str(file))
+        assert image is not None
+        seen = np.clip((image / 255.0) ** contrast * colors, 0.0, 1.0)
+        file.unlink()
+        cv2.imwrite(str(file), np.round(255 * seen).astype(np.uint8))
 
 
 if __name__ == "__main__":

@@ -34,6 +34,9 @@ class Needs:
     # in the first frame, both are None where frames come as features; the seconds are None where
     # they are not known. Left out, `observed` is None.
     observe: Callable[[Any, Any, float | None], Any] | None = None
+    # On the host, one for each stream: follows the light on its images by what was observed, and
+    # gives these in a light that stays, in which they are described.
+    steady_light: Callable[[], SteadyLight] | None = None
     # Heads of the backbone whose attention between the patches of a frame it reads, averaged:
     # `attention_heads(static)`; () are all, None is no attention, as where it is left out.
     attention_heads: Callable[[Static], tuple[int, ...] | None] | None = None
@@ -47,6 +50,18 @@ class Needs:
     # instead of features of the frame; and whether it does so of itself where they cost little.
     reads_closeups: bool = False
     prefers_closeups: bool = False
+
+
+class SteadyLight(Protocol):
+    """The light on the images of one stream, uint8 RGB `[H, W, 3]`."""
+
+    def follow(self, image: Any, observed: Any) -> None:
+        """Takes the next image, None where frames come as features."""
+        ...
+
+    def steady(self, image: Any) -> Any:
+        """The image that was followed last, in the light that stays."""
+        ...
 
 
 class AtRest(Protocol):

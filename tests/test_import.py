@@ -32,7 +32,7 @@ PURE = (
     "errors",
 )
 ALLOWED = {"remind_jax", "jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}
-ON_THE_HOST = ("plus/image_motion.py",)  # observes frames ahead of the step
+ON_THE_HOST = ("plus/image_light.py", "plus/image_motion.py")  # observe frames ahead of the step
 
 
 def run_python(code: str, **variables: str) -> subprocess.CompletedProcess[str]:

@@ -25,6 +25,10 @@ RANSAC_ERROR_PX = 3.0
 MIN_CORNERS = 6
 GOOD_SCORE = 0.5  # below, the search is repeated without a guess of the shift
 MIN_PHASE_RESPONSE = 0.1
+# Where light changes, pixels are compared by what is around them.
+NORMALIZED_PX = 9  # side of what is around
+NORMALIZED_SLACK = 6.0  # gray levels added to the spread
+NORMALIZED_GAIN = 48.0  # gray levels per spread
 
 
 def observe_motion(
@@ -40,10 +44,10 @@ def observe_motion(
     size = np.array((0, 0) if image is None else image.shape[:2], np.int32)
     if image is None or previous is None or previous.shape != image.shape:
         return _motion(np.eye(2, 3), 0.0, size, elapsed)
-    small = [_reduce(frame) for frame in (previous, image)]
-    matrix, score = estimate_motion(*small)
-    pixel_size = image.shape[1] / small[1].shape[1], image.shape[0] / small[1].shape[0]
-    return _motion(_scale(matrix, pixel_size), score, size, elapsed)
+    matrix, score = estimate_motion(*(_reduce(frame) for frame in (previous, image)))
+    height, width = reduced_size(image, WORKING_AREA_PX)
+    pixel_size = image.shape[1] / width, image.shape[0] / height
+    return _motion(scale_motion(matrix, pixel_size), score, size, elapsed)
 
 
 def _motion(matrix: np.ndarray, score: float, size: np.ndarray, elapsed: float) -> Motion:
@@ -51,19 +55,37 @@ def _motion(matrix: np.ndarray, score: float, size: np.ndarray, elapsed: float) 
     return Motion(np.asarray(matrix, np.float32), np.float32(score), size, np.float32(elapsed))
 
 
-def _reduce(image: np.ndarray) -> np.ndarray:
-    """Gray, at the working size, with local contrast evened out."""
+def reduced_size(image: np.ndarray, area_px: int) -> tuple[int, int]:
+    """Height and width of an image that has this area at most."""
     height, width = image.shape[:2]
+    scale = min(1.0, (area_px / (height * width)) ** 0.5)
+    return max(1, round(height * scale)), max(1, round(width * scale))
+
+
+def _reduce(image: np.ndarray) -> np.ndarray:
+    """Gray, at the working size."""
+    height, width = reduced_size(image, WORKING_AREA_PX)
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    scale = (WORKING_AREA_PX / (height * width)) ** 0.5
-    if scale < 1.0:
-        size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+    return cv2.resize(gray, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _equalize(gray: np.ndarray) -> np.ndarray:
+    """Local contrast, most of it where there is most."""
     return cv2.createCLAHE(clipLimit=2.0, tileGridSize=(8, 8)).apply(gray)
 
 
-def _scale(matrix: np.ndarray, pixel_size: tuple[float, float]) -> np.ndarray:
-    """The same similarity between points in other pixels."""
+def _normalize(gray: np.ndarray) -> np.ndarray:
+    """What is left of another light: how far each pixel is off the mean around it, in spreads."""
+    window = (NORMALIZED_PX, NORMALIZED_PX)
+    values = gray.astype(np.float32)
+    mean = cv2.blur(values, window)
+    spread = np.sqrt(np.maximum(cv2.blur(values**2, window) - mean**2, 0.0))
+    off = (values - mean) / (spread + NORMALIZED_SLACK)
+    return np.clip(128.0 + NORMALIZED_GAIN * off, 0, 255).astype(np.uint8)
+
+
+def scale_motion(matrix: np.ndarray, pixel_size: tuple[float, float]) -> np.ndarray:
+    """The same similarity between points in pixels of another width and height."""
     size = np.asarray(pixel_size)
     linear = matrix[:, :2] * size[:, None] / size[None, :]
     return np.concatenate([linear, matrix[:, 2:] * size[:, None]], axis=1)
@@ -78,6 +100,15 @@ def estimate_motion(
       The similarity, and the share of the corners that agree with it: 0 if too few do, where the
       similarity is the shift by phase correlation, or none at all.
     """
+    matrix, score = _follow(_equalize(previous), _equalize(current))
+    if score < GOOD_SCORE:
+        again = _follow(_normalize(previous), _normalize(current))
+        matrix, score = again if again[1] > score else (matrix, score)
+    return matrix, score
+
+
+def _follow(previous: np.ndarray, current: np.ndarray) -> tuple[np.ndarray, float]:
+    """`estimate_motion` by images as they are."""
     shift, response = _correlate(previous, current)
     corners = cv2.goodFeaturesToTrack(previous, MAX_CORNERS, CORNER_QUALITY, CORNER_DISTANCE_PX)
     matrix, score = None, 0.0

@@ -11,6 +11,7 @@ from remind_jax.observation import AnyFeats, Masks
 from remind_jax.plus.earlier_files import COLUMNS, GONE_LEAVES, LENGTHENED, NEW_LEAVES
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
+from remind_jax.plus.image_light import SteadyLight
 from remind_jax.plus.image_motion import observe_motion
 from remind_jax.plus.joining import join
 from remind_jax.plus.observation import RING_PATCHES, Motion, Sightings, observe
@@ -67,7 +68,11 @@ METHOD = Method(
     decide,
     describe_frame,
     Needs(
-        observe=observe_motion, patch_reach=RING_PATCHES, reads_closeups=True, prefers_closeups=True
+        observe=observe_motion,
+        steady_light=SteadyLight,
+        patch_reach=RING_PATCHES,
+        reads_closeups=True,
+        prefers_closeups=True,
     ),
     Host(
         occupied=count_occupied,

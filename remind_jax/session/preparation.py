@@ -29,7 +29,7 @@ class Prepared:
 
     frame: Frame
     detections: Detections  # without ignored classes, in pixels of the frame
-    image: np.ndarray | None  # uint8 RGB at the tracker's size, or
+    image: np.ndarray | None  # uint8 RGB at the tracker's size, in steady light, or
     features: np.ndarray | None  # patch features that came with the frame
     masks: Masks  # one slot per detection
     num_ignored: int  # detections of ignored classes
@@ -56,6 +56,8 @@ class FramePreparer:
         self.labels: dict[str, None] = {}
         self.last_image: np.ndarray | None = None
         self.last_time_s: float | None = None
+        steady_light = method.needs.steady_light
+        self._light = None if steady_light is None else steady_light()
 
     def prepare(self, frame: Frame, config: Config) -> Prepared:
         """Aligns frame and wanted masks to whole patches, and reduces these (`Tracker.prepare`)."""
@@ -89,17 +91,19 @@ class FramePreparer:
         )
         reduced = dataclasses.replace(reduced, valid=reduced.valid & ~is_double)
         image = None if frame.image is None else alignment.align_image(frame.image)
+        reduced_at = time.perf_counter()
+        observed = self._observe(image, frame)
+        observed_at = time.perf_counter()
+        if self._light is not None and image is not None:
+            image = self._light.steady(image)
         closeups = None
         if self._with_closeups and image is not None and frame.features is None:
             eroded = masks.eroded(options.erosion_px, margin_px=0)
             closeups = cut_closeups(image, eroded, self._patch_px)
-        reduced_at = time.perf_counter()
-        spent = {"masks": 1000 * (reduced_at - start)}
-        observed = None
+        observe_s = observed_at - reduced_at
+        spent = {"masks": 1000 * (time.perf_counter() - start - observe_s)}
         if self._method.needs.observe is not None:
-            observed = self._method.needs.observe(self.last_image, image, self._elapse(frame))
-            self._keep_image(image)
-            spent["observe"] = 1000 * (time.perf_counter() - reduced_at)
+            spent["observe"] = 1000 * observe_s
         return Prepared(
             frame=frame,
             detections=detections,
@@ -121,15 +125,19 @@ class FramePreparer:
         """
         if self._method.needs.observe is None:
             return
-        self._elapse(frame)
-        if frame.features is not None:
-            return
         alignment = self._align(frame, config)
-        self._keep_image(None if frame.image is None else alignment.align_image(frame.image))
+        self._observe(None if frame.image is None else alignment.align_image(frame.image), frame)
 
-    def _keep_image(self, image: np.ndarray | None) -> None:
-        """A copy: cameras give one buffer again and again."""
+    def _observe(self, image: np.ndarray | None, frame: Frame) -> Any:
+        """What the method observes from the last image to this one, which becomes the last one."""
+        if self._method.needs.observe is None:
+            return None
+        observed = self._method.needs.observe(self.last_image, image, self._elapse(frame))
+        # A copy: cameras give one buffer again and again.
         self.last_image = None if image is None else image.copy()
+        if self._light is not None:
+            self._light.follow(image, observed)
+        return observed
 
     def _elapse(self, frame: Frame) -> float | None:
         """Seconds since the last frame; None if no clock tells, or one that stands or goes back."""

@@ -92,7 +92,9 @@ def test_without_classes_second_detections_may_have_any_name():
 def test_the_previous_image_is_observed_by_methods_that_observe(monkeypatch):
     seen = []
     plus = get_method("plus")
-    needs = dataclasses.replace(plus.needs, observe=lambda *observed: seen.append(observed))
+    needs = dataclasses.replace(
+        plus.needs, observe=lambda *observed: seen.append(observed), steady_light=None
+    )
     method = dataclasses.replace(plus, needs=needs)
     one = FramePreparer(method, PATCH)
     for time_s, is_timed in ((5.0, True), (5.25, True), (5.25, True), (9.0, False), (9.5, True)):
@@ -100,6 +102,23 @@ def test_the_previous_image_is_observed_by_methods_that_observe(monkeypatch):
     assert seen[0][0] is None
     np.testing.assert_array_equal(seen[1][0], seen[0][1])
     assert [elapsed_s for _, _, elapsed_s in seen] == [None, 0.25, None, None, None]
+
+
+@pytest.mark.parametrize("passed_over", [False, True])
+def test_images_are_described_in_the_first_light(passed_over):
+    colors = np.random.default_rng(0).integers(40, 180, (8, 8, 3)).astype(np.uint8)
+    image = np.kron(colors, np.ones((12, 12, 1), np.uint8))
+    warmer = (image * [1.2, 1.0, 0.8]).astype(np.uint8)
+    masks = Detections.create(np.ones((1, 96, 96), bool), ["mug"])
+    first, second, third = (Frame(0, 0, 0.0, "a", one, masks) for one in (image, warmer, warmer))
+    one = preparer()
+    one.prepare(first, CONFIG)
+    (one.pass_over if passed_over else one.prepare)(second, CONFIG)
+    prepared = one.prepare(third, CONFIG)
+    assert np.abs(prepared.image.astype(int) - warmer).max() > 10
+    # Rounded twice, and greens may be as bright as they are now.
+    assert np.median(np.abs(prepared.image.astype(int) - image)) <= 3
+    np.testing.assert_array_equal(prepared.frame.image, warmer)
 
 
 def test_gaps_are_measured_for_methods_with_relations_only():

@@ -1,0 +1,121 @@
+"""How the light on the whole image changed, which is undone before objects are described (host).
+
+Rule: method_plus.md#image-light. A lamp that is switched on and a camera that measures its white
+anew change the colors of everything at once. Where the image goes on, pixels tell how.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from remind_jax.plus.image_motion import reduced_size, scale_motion
+from remind_jax.plus.observation import Motion
+
+COMPARED_AREA_PX = 160 * 120  # images are compared at this size, whatever that of the frame
+LEAST_SCORE = 0.2  # of the motion by which pixels are compared
+SENSOR_OFFSET = 4.0  # gray levels; keeps noise in the dark from looking like color
+DARK, BRIGHT = 12, 245  # gray levels beyond which colors are not compared
+LEAST_PIXELS = 500
+# Natural logarithms of color ratios.
+JUMP = 0.08  # changes that are smaller are none
+AGREEMENT = 0.1  # pixels agree on a change within this
+SAME = 0.03  # light within this is as it was at first
+AGREEING_SHARE = 0.6  # of the pixels that must agree
+FIT_ROUNDS = 3
+CONTRAST_PRIOR = 0.05**2  # variance of color ratios per pixel that stands for contrast as it was
+CONTRAST_RANGE = 0.5, 2.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Tone:
+    """Colors by others: logarithms are `contrast * logarithm + offset`, channel by channel."""
+
+    contrast: float = 1.0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def before(self, change: Tone) -> Tone:
+        """What makes colors that were changed like this what this one makes of those before."""
+        contrast = self.contrast / change.contrast
+        offset = np.subtract(self.offset, np.multiply(contrast, change.offset))
+        return Tone(contrast, tuple(offset.tolist()))
+
+    def is_none(self) -> bool:
+        """Whether it changes colors by next to nothing."""
+        tints = np.subtract(self.offset, self.offset[1])
+        return abs(self.contrast - 1.0) < SAME and bool(np.all(np.abs(tints) < SAME))
+
+    def apply(self, image: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "H W 3"]:
+        """The image with these colors."""
+        colors = np.exp(self.contrast * _LOGARITHMS[:, None] + self.offset) - SENSOR_OFFSET
+        table = np.clip(np.round(colors), 0, 255).astype(np.uint8)
+        return cv2.LUT(image, table[None])
+
+
+_LOGARITHMS = np.log(np.arange(256) + SENSOR_OFFSET)
+
+
+class SteadyLight:
+    """Images of one stream in the light of its first one, as far as it is seen to change."""
+
+    def __init__(self) -> None:
+        """Has seen no image."""
+        self._last: np.ndarray | None = None
+        self._tone = Tone()
+
+    def follow(self, image: UInt8[np.ndarray, "H W 3"] | None, motion: Motion) -> None:
+        """Takes the next RGB image, None where there is none, and its motion from the last one."""
+        last, self._last = self._last, None
+        if image is None:
+            return
+        height, width = reduced_size(image, COMPARED_AREA_PX)
+        self._last = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+        if last is None or last.shape != self._last.shape or motion.score < LEAST_SCORE:
+            return
+        matrix = scale_motion(motion.matrix, (width / image.shape[1], height / image.shape[0]))
+        there = cv2.warpAffine(last, matrix, (width, height))  # black, not compared, outside
+        change = find_change(there, self._last)
+        if change is not None:
+            tone = self._tone.before(change)
+            # Light that is as it was leaves images as they are, however often it changed.
+            self._tone = Tone() if tone.is_none() else tone
+
+    def steady(self, image: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "H W 3"]:
+        """The image that was followed last, in the first light."""
+        return image if self._tone == Tone() else self._tone.apply(image)
+
+
+def find_change(before: UInt8[np.ndarray, "h w 3"], now: UInt8[np.ndarray, "h w 3"]) -> Tone | None:
+    """How the colors of one image became those of another that shows the same.
+
+    Told from ratios of colors, which shadows and the distance to a lamp hardly change; None where
+    they are as they were, or pixels do not agree.
+    """
+    darkest = np.minimum(before.min(axis=2), now.min(axis=2))
+    brightest = np.maximum(before.max(axis=2), now.max(axis=2))
+    compared = (darkest > DARK) & (brightest < BRIGHT)
+    if np.count_nonzero(compared) < LEAST_PIXELS:
+        return None
+    old, new = (_LOGARITHMS[image[compared]] for image in (before, now))
+    old_tint, new_tint = (values[:, [0, 2]] - values[:, [1]] for values in (old, new))
+    contrast, tint = 1.0, np.median(new_tint - old_tint, axis=0)
+    if np.abs(tint).max() <= JUMP:
+        return None
+    for _ in range(FIT_ROUNDS):
+        off = np.abs(new_tint - contrast * old_tint - tint).max(axis=1)
+        kept = off < 2 * AGREEMENT
+        if np.count_nonzero(kept) < LEAST_PIXELS:
+            return None
+        x, y = (values[kept] - values[kept].mean(axis=0) for values in (old_tint, new_tint))
+        prior = CONTRAST_PRIOR * len(x)
+        slope = (np.sum(x * y) + prior) / (np.sum(x * x) + prior)
+        contrast = float(np.clip(slope, *CONTRAST_RANGE))
+        tint = np.median(new_tint[kept] - contrast * old_tint[kept], axis=0)
+    off = np.abs(new_tint - contrast * old_tint - tint).max(axis=1)
+    if np.mean(off < AGREEMENT) < AGREEING_SHARE:
+        return None
+    green = np.median(new[:, 1] - contrast * old[:, 1])
+    return Tone(contrast, (float(tint[0] + green), float(green), float(tint[1] + green)))
