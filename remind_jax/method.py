@@ -55,11 +55,11 @@ class Needs:
 class SteadyLight(Protocol):
     """The light on the images of one stream, uint8 RGB `[H, W, 3]`."""
 
-    def follow(self, image: Any, observed: Any) -> None:
+    def follow(self, image: Any, observed: Any, /) -> None:
         """Takes the next image, None where frames come as features."""
         ...
 
-    def steady(self, image: Any) -> Any:
+    def steady(self, image: Any, /) -> Any:
         """The image that was followed last, in the light that stays."""
         ...
 

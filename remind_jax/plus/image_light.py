@@ -7,6 +7,7 @@ anew change the colors of everything at once. Where the image goes on, pixels te
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import cv2
 import numpy as np
@@ -15,11 +16,11 @@ from jaxtyping import UInt8
 from remind_jax.plus.image_motion import reduced_size, scale_motion
 from remind_jax.plus.observation import Motion
 
-COMPARED_AREA_PX = 160 * 120  # images are compared at this size, whatever that of the frame
+COMPARED_AREA_PX = 96 * 72  # images are compared at this size, whatever that of the frame
 LEAST_SCORE = 0.2  # of the motion by which pixels are compared
 SENSOR_OFFSET = 4.0  # gray levels; keeps noise in the dark from looking like color
 DARK, BRIGHT = 12, 245  # gray levels beyond which colors are not compared
-LEAST_PIXELS = 500
+LEAST_PIXELS = 200
 # Natural logarithms of color ratios.
 JUMP = 0.08  # changes that are smaller are none
 AGREEMENT = 0.1  # pixels agree on a change within this
@@ -55,7 +56,7 @@ class Tone:
         return cv2.LUT(image, table[None])
 
 
-_LOGARITHMS = np.log(np.arange(256) + SENSOR_OFFSET)
+_LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(SENSOR_OFFSET))
 
 
 class SteadyLight:
@@ -72,7 +73,9 @@ class SteadyLight:
         if image is None:
             return
         height, width = reduced_size(image, COMPARED_AREA_PX)
-        self._last = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+        # Means of four pixels each: to read all of them takes longer than all that follows.
+        some = cv2.resize(image, (2 * width, 2 * height), interpolation=cv2.INTER_NEAREST)
+        self._last = cv2.resize(some, (width, height), interpolation=cv2.INTER_AREA)
         if last is None or last.shape != self._last.shape or motion.score < LEAST_SCORE:
             return
         matrix = scale_motion(motion.matrix, (width / image.shape[1], height / image.shape[0]))
@@ -91,31 +94,32 @@ class SteadyLight:
 def find_change(before: UInt8[np.ndarray, "h w 3"], now: UInt8[np.ndarray, "h w 3"]) -> Tone | None:
     """How the colors of one image became those of another that shows the same.
 
-    Told from ratios of colors, which shadows and the distance to a lamp hardly change; None where
-    they are as they were, or pixels do not agree.
+    Told from ratios of red and blue to green, which shadows and the distance to a lamp hardly
+    change; None where they are as they were, or pixels do not agree.
     """
-    darkest = np.minimum(before.min(axis=2), now.min(axis=2))
-    brightest = np.maximum(before.max(axis=2), now.max(axis=2))
-    compared = (darkest > DARK) & (brightest < BRIGHT)
+    channels = *cv2.split(before), *cv2.split(now)
+    compared = np.asarray(functools.reduce(cv2.min, channels)) > DARK
+    compared &= np.asarray(functools.reduce(cv2.max, channels)) < BRIGHT
     if np.count_nonzero(compared) < LEAST_PIXELS:
         return None
-    old, new = (_LOGARITHMS[image[compared]] for image in (before, now))
-    old_tint, new_tint = (values[:, [0, 2]] - values[:, [1]] for values in (old, new))
-    contrast, tint = 1.0, np.median(new_tint - old_tint, axis=0)
+    red, green, blue, *new = (np.take(_LOGARITHMS, channel[compared]) for channel in channels)
+    old_tint = np.stack([red - green, blue - green])
+    new_tint = np.stack([new[0] - new[1], new[2] - new[1]])
+    contrast, tint = 1.0, np.median(new_tint - old_tint, axis=1, keepdims=True)
     if np.abs(tint).max() <= JUMP:
         return None
     for _ in range(FIT_ROUNDS):
-        off = np.abs(new_tint - contrast * old_tint - tint).max(axis=1)
-        kept = off < 2 * AGREEMENT
+        kept = np.abs(new_tint - contrast * old_tint - tint).max(axis=0) < 2 * AGREEMENT
         if np.count_nonzero(kept) < LEAST_PIXELS:
             return None
-        x, y = (values[kept] - values[kept].mean(axis=0) for values in (old_tint, new_tint))
-        prior = CONTRAST_PRIOR * len(x)
-        slope = (np.sum(x * y) + prior) / (np.sum(x * x) + prior)
+        x, y = old_tint[:, kept], new_tint[:, kept]
+        off_x, off_y = (values - values.mean(axis=1, keepdims=True) for values in (x, y))
+        prior = CONTRAST_PRIOR * x.shape[1]
+        slope = (np.sum(off_x * off_y) + prior) / (np.sum(off_x**2) + prior)
         contrast = float(np.clip(slope, *CONTRAST_RANGE))
-        tint = np.median(new_tint[kept] - contrast * old_tint[kept], axis=0)
-    off = np.abs(new_tint - contrast * old_tint - tint).max(axis=1)
+        tint = np.median(y - contrast * x, axis=1, keepdims=True)
+    off = np.abs(new_tint - contrast * old_tint - tint).max(axis=0)
     if np.mean(off < AGREEMENT) < AGREEING_SHARE:
         return None
-    green = np.median(new[:, 1] - contrast * old[:, 1])
-    return Tone(contrast, (float(tint[0] + green), float(green), float(tint[1] + green)))
+    level = float(np.median(new[1] - contrast * green))
+    return Tone(contrast, (level + float(tint[0, 0]), level, level + float(tint[1, 0])))
