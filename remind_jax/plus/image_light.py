@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any
 
 import cv2
 import numpy as np
@@ -97,12 +98,12 @@ def find_change(before: UInt8[np.ndarray, "h w 3"], now: UInt8[np.ndarray, "h w 
     Told from ratios of red and blue to green, which shadows and the distance to a lamp hardly
     change; None where they are as they were, or pixels do not agree.
     """
-    channels = *cv2.split(before), *cv2.split(now)
-    compared = np.asarray(functools.reduce(cv2.min, channels)) > DARK
-    compared &= np.asarray(functools.reduce(cv2.max, channels)) < BRIGHT
+    channels: list[Any] = [*cv2.split(before), *cv2.split(now)]
+    compared = functools.reduce(cv2.min, channels) > DARK
+    compared &= functools.reduce(cv2.max, channels) < BRIGHT
     if np.count_nonzero(compared) < LEAST_PIXELS:
         return None
-    red, green, blue, *new = (np.take(_LOGARITHMS, channel[compared]) for channel in channels)
+    red, green, blue, *new = (_LOGARITHMS[channel[compared]] for channel in channels)
     old_tint = np.stack([red - green, blue - green])
     new_tint = np.stack([new[0] - new[1], new[2] - new[1]])
     contrast, tint = 1.0, np.median(new_tint - old_tint, axis=1, keepdims=True)
