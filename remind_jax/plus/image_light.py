@@ -30,6 +30,7 @@ AGREEING_SHARE = 0.6  # of the pixels that must agree
 FIT_ROUNDS = 3
 CONTRAST_PRIOR = 0.05**2  # variance of color ratios per pixel that stands for contrast as it was
 CONTRAST_RANGE = 0.5, 2.0
+_LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(SENSOR_OFFSET))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,8 +40,8 @@ class Tone:
     contrast: float = 1.0
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def before(self, change: Tone) -> Tone:
-        """What makes colors that were changed like this what this one makes of those before."""
+    def after(self, change: Tone) -> Tone:
+        """The same of colors that were changed: undoes that first."""
         contrast = self.contrast / change.contrast
         offset = np.subtract(self.offset, np.multiply(contrast, change.offset))
         return Tone(contrast, tuple(offset.tolist()))
@@ -57,10 +58,7 @@ class Tone:
         return cv2.LUT(image, table[None])
 
 
-_LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(SENSOR_OFFSET))
-
-
-class SteadyLight:
+class ImageLight:
     """Images of one stream in the light of its first one, as far as it is seen to change."""
 
     def __init__(self) -> None:
@@ -83,7 +81,7 @@ class SteadyLight:
         there = cv2.warpAffine(last, matrix, (width, height))  # black, not compared, outside
         change = find_change(there, self._last)
         if change is not None:
-            tone = self._tone.before(change)
+            tone = self._tone.after(change)
             # Light that is as it was leaves images as they are, however often it changed.
             self._tone = Tone() if tone.is_none() else tone
 

@@ -70,12 +70,12 @@ def _reduce(image: np.ndarray) -> np.ndarray:
 
 
 def _equalize(gray: np.ndarray) -> np.ndarray:
-    """Local contrast, most of it where there is most."""
+    """The image with local contrast evened out."""
     return cv2.createCLAHE(clipLimit=2.0, tileGridSize=(8, 8)).apply(gray)
 
 
 def _normalize(gray: np.ndarray) -> np.ndarray:
-    """What is left of another light: how far each pixel is off the mean around it, in spreads."""
+    """How far each pixel is off the mean around it, in spreads: light changes that little."""
     window = (NORMALIZED_PX, NORMALIZED_PX)
     values = gray.astype(np.float32)
     mean = cv2.blur(values, window)

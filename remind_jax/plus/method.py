@@ -11,7 +11,7 @@ from remind_jax.observation import AnyFeats, Masks
 from remind_jax.plus.earlier_files import COLUMNS, GONE_LEAVES, LENGTHENED, NEW_LEAVES
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
-from remind_jax.plus.image_light import SteadyLight
+from remind_jax.plus.image_light import ImageLight
 from remind_jax.plus.image_motion import observe_motion
 from remind_jax.plus.joining import join
 from remind_jax.plus.observation import RING_PATCHES, Motion, Sightings, observe
@@ -69,7 +69,7 @@ METHOD = Method(
     describe_frame,
     Needs(
         observe=observe_motion,
-        steady_light=SteadyLight,
+        steady_light=ImageLight,
         patch_reach=RING_PATCHES,
         reads_closeups=True,
         prefers_closeups=True,

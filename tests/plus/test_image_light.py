@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from remind_jax.plus.image_light import SENSOR_OFFSET, SteadyLight, find_change
+from remind_jax.plus.image_light import SENSOR_OFFSET, ImageLight, find_change
 from remind_jax.plus.image_motion import observe_motion
 
 
@@ -23,7 +23,7 @@ def in_light(image: np.ndarray, gains: tuple[float, ...], contrast: float = 1.0)
 
 def show(images: list[np.ndarray]) -> list[np.ndarray]:
     """The images of a stream in steady light."""
-    light, last, shown = SteadyLight(), None, []
+    light, last, shown = ImageLight(), None, []
     for image in images:
         light.follow(image, observe_motion(last, image))
         last = image
@@ -81,8 +81,10 @@ def test_black_and_white_images_tell_nothing(level):
     assert find_change(picture()[:120, :160], flat) is None
 
 
-def test_without_images_there_is_nothing_to_follow():
-    light = SteadyLight()
-    light.follow(None, observe_motion(None, None))
-    light.follow(picture(), observe_motion(None, picture()))
-    assert light.steady(picture()) is not None
+def test_behind_a_frame_without_an_image_no_change_is_told():
+    image, other = picture(), in_light(picture(), (1.2, 1.0, 0.8))
+    for between, is_told in (([], True), ([None], False)):
+        light = ImageLight()
+        for shown in (image, *between, other):
+            light.follow(shown, observe_motion(image, other))
+        assert (light.steady(other) is not other) == is_told

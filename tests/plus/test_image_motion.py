@@ -36,6 +36,16 @@ def test_shift_turn_and_zoom_are_found_at_any_size(size, shift):
     assert tuple(motion.frame_size) == size
 
 
+@pytest.mark.parametrize("exposure", [0.4, 0.6, 1.8])
+def test_motion_is_found_while_the_light_changes(exposure):
+    image = picture()
+    matrix = np.array([[1.0, 0.0, 6.0], [0.0, 1.0, -4.0]])
+    other = 255 * (moved(image, matrix) / 255.0) ** 1.4 * exposure
+    motion = observe_motion(image, other.clip(0, 255).astype(np.uint8))
+    np.testing.assert_allclose(motion.matrix, matrix, atol=0.5)  # half a pixel of the image
+    assert motion.score > 0.5
+
+
 def test_a_cut_has_no_motion():
     assert observe_motion(picture(seed=1), picture(seed=2)).score < 0.1
 
