@@ -136,13 +136,13 @@ def _find_texts(path: Path) -> dict[str, Path]:
 
 def _read_maps(folder: Path, name: str, is_truth: bool) -> TrackRows:
     """Instance maps; an instance of class null is left out of truth, as it is of a run."""
-    classes = find_classes(folder, name) if is_truth else None
+    classes = find_classes(folder, name)
     void = None if classes is not None and VOID in classes.by_id else VOID
     rows = read_instance_maps(folder, name, is_truth=is_truth, void=void)
-    if classes is None:
-        return rows
-    if len(classes.frame_numbers) == rows.num_frames:
+    if classes is not None and len(classes.frame_numbers) == rows.num_frames:
         rows = dataclasses.replace(rows, source_frames=np.array(classes.frame_numbers))
+    if classes is None or not is_truth:
+        return rows
     ids = np.unique(rows.track_id).tolist()
     require_classes(classes, ids, str(folder))
     names = sorted({label for i in ids if (label := classes[i]) is not None})

@@ -1,5 +1,6 @@
 """The same two scenes give the same scores in every format and in every mixture of formats."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,16 @@ def test_mots_of_a_run_beside_kitti_truth_is_read_as_told(tmp_path: Path):
     run = made.write_texts(tmp_path / "b", {"s": made.mots_text(TRUTH["one"], 1)})
     told = evaluate(truth, run, truth_format="kitti-mots", format="mots")
     assert (told.scores()["IDF1"], told.notes) == (1.0, ())
+
+
+def test_maps_of_a_sampled_run_count_as_in_the_source_on_either_side(tmp_path: Path):
+    maps = made.write_davis(tmp_path / "maps", {"one": TRUTH["one"]})
+    labels = {"id_to_label": {"1": "cup_1", "2": "cup_2"}, "frame_numbers": [3, 5, 7, 9]}
+    (maps / "metadata.json").write_text(json.dumps(labels))
+    whole = [row for shown in TRUTH["one"] for row in ("......", shown)]
+    text = made.write_texts(tmp_path / "text", {"one": made.mot_text(["......"] * 2 + whole)})
+    for truth, prediction in ((text, maps), (maps, text)):
+        assert evaluate(truth, prediction).scores()["IDF1"] == 1.0
 
 
 def test_truth_beside_detections_that_are_input_is_no_run(tmp_path: Path):
