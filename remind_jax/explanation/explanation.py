@@ -55,7 +55,7 @@ class Explanation(abc.ABC):
     outcome: Outcome
     reason: Reason
     object_id: int | None
-    decided_at: int | None  # frame in which its object was decided on; None if it never was
+    decided_at: int | None  # frame in which its object was decided on; None if in none of the run
     confidence: float | None  # None where it is left out
     why: tuple[str, ...]  # sentences, in the order in which it was decided
 

@@ -138,11 +138,11 @@ class PlusExplainer(Explainer[PlusRecord]):
 
     @functools.cached_property
     def _decided_at(self) -> dict[int, int]:
-        """By tracklet, the frame in which it was decided."""
+        """By tracklet, the frame in which it was decided; none of those decided before the run."""
         found: dict[int, int] = {}
         for frame, record in self._archive.frames():
             v = record.verdicts
-            for row in np.flatnonzero(v.is_decided & (v.tracklet_id != NO_ID)):
+            for row in np.flatnonzero(v.is_decided & (v.stage == Stage.OPEN)):
                 found.setdefault(int(v.tracklet_id[row]), frame)
         return found
 

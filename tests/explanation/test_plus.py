@@ -9,7 +9,9 @@ import pytest
 import remind_jax as rj
 from remind_jax.cli.main import main
 from remind_jax.decision import Outcome
+from remind_jax.explanation.explainer import new_archive
 from remind_jax.explanation.plus import give_reasons
+from remind_jax.method import get_method
 from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Stage
@@ -90,6 +92,19 @@ def test_the_frame_in_which_a_tracklet_was_decided_is_named(explained):
         for one in views:
             waits = expected is not None and one.frame < expected
             assert (f"Its tracklet was decided in frame {expected}." in one.why) == waits
+
+
+def test_what_an_earlier_session_decided_has_no_frame(result, explained):
+    late = explained[-1].frame
+    archive = new_archive(get_method("plus"))
+    archive.add(late, dict(result.trace.frames())[late], {})
+    rest = dataclasses.replace(result, tracks=result.tracks[-1:], trace=archive)
+    settled = [one for one in explained if (one.frame, one.stage) == (late, Stage.SETTLED)]
+    assert settled
+    for one in settled:
+        again = rest.explain(late, one.detection)
+        assert again.decided_at is None
+        assert "that was decided before: " in again.why[0]
 
 
 def test_a_recognized_square_names_the_evidence_for_it(explained):
