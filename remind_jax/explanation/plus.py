@@ -52,6 +52,7 @@ class PlusExplanation(Explanation):
     age: int  # detections of the tracklet, with this one
     is_decided: bool
     answer_id: int | None  # best answer, firm or not
+    answer_name: str | None
     probability: float  # of the answer, before calibration
     margin: float | None  # log odds to the next best answer; None where nothing was open
     new_log_odds: float | None  # of being no known object; None where nothing was open
@@ -109,6 +110,7 @@ class PlusExplainer(Explainer[PlusRecord]):
         v, label = record.verdicts, tracks.labels[row]
         is_open = v.stage[row] == Stage.OPEN
         candidates = _candidates(v, row, label, tracks.names)
+        answer_id = id_or_none(v.answer_id[row])
         known = sum(candidate.probability for candidate in candidates)
         explanation = read_row(
             PlusExplanation,
@@ -126,7 +128,8 @@ class PlusExplainer(Explainer[PlusRecord]):
             confidence=tracks.shown_confidence(row),
             id_without_delay=id_or_none(record.object_id[row]),
             tracklet_id=id_or_none(v.tracklet_id[row]),
-            answer_id=id_or_none(v.answer_id[row]),
+            answer_id=answer_id,
+            answer_name=None if answer_id is None else title_of(label, answer_id, tracks.names),
             margin=float(v.margin[row]) if is_open and candidates else None,
             new_log_odds=float(v.new_odds[row]) if is_open else None,
             new_probability=max(0.0, 1.0 - known) if is_open else None,
@@ -134,7 +137,7 @@ class PlusExplainer(Explainer[PlusRecord]):
             why=(),
         )
         why = give_reasons(explanation, cast(PlusThresholds, self._config.thresholds))
-        return dataclasses.replace(explanation, why=why)
+        return dataclasses.replace(explanation, why=(*why, *_explain_merge(explanation, tracks)))
 
     @functools.cached_property
     def _decided_at(self) -> dict[int, int]:
@@ -300,15 +303,27 @@ def _explain_revision(e: PlusExplanation) -> Iterator[str]:
     """When it was decided, if not yet, and what a delay changed."""
     if e.decided_at is not None and e.decided_at > e.frame:
         yield f"its tracklet was decided in frame {e.decided_at}"
-    if e.object_id is not None and e.object_id != e.id_without_delay:
-        before = (
-            "no firm answer" if e.id_without_delay is None else f"{e.label} {e.id_without_delay}"
+    if e.object_id in (None, e.id_without_delay):
+        return
+    if e.id_without_delay is not None and e.is_decided:  # no later frame changes what is decided
+        yield f"{e.answer_name} was merged into {e.name}"
+        return
+    before = "no firm answer" if e.id_without_delay is None else e.answer_name
+    yield f"later frames changed the answer: {e.name} instead of {before}"
+
+
+def _explain_merge(e: PlusExplanation, tracks: Tracks) -> Iterator[str]:
+    """Which detection has the id that merged objects share."""
+    if e.reason != Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH:
+        return
+    holds_it = np.isin(tracks.object_id, tracks.candidate_id[e.detection, :1])
+    for row in np.flatnonzero(holds_it)[:1].tolist():
+        yield (
+            f"Its object and that of detection {row} were merged into {tracks.display_name(row)}, "
+            f"and detection {row} is the better match."
         )
-        yield f"later frames changed the answer: {e.label} {e.object_id} instead of {before}"
 
 
 def _answer(e: PlusExplanation) -> str:
     is_new = e.answer_id == e.tracklet_id and e.outcome == Outcome.NEW
-    named = (one.name for one in e.candidates if one.object_id == e.answer_id)
-    name = next(named, f"{e.label} {e.answer_id}")
-    return f"{'a new object, ' if is_new else ''}{name}"
+    return f"{'a new object, ' if is_new else ''}{e.answer_name}"

@@ -4,17 +4,19 @@ import copy
 import dataclasses
 import json
 
+import numpy as np
 import pytest
 
 import remind_jax as rj
 from remind_jax.cli.main import main
-from remind_jax.decision import Outcome
+from remind_jax.decision import NO_ID, Outcome
 from remind_jax.explanation.explainer import new_archive
 from remind_jax.explanation.plus import give_reasons
 from remind_jax.method import get_method
 from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Stage
+from remind_jax.session.answers import as_merged
 from tests.plus.test_method import pan_frames
 
 
@@ -105,6 +107,31 @@ def test_what_an_earlier_session_decided_has_no_frame(result, explained):
         again = rest.explain(late, one.detection)
         assert again.decided_at is None
         assert "that was decided before: " in again.why[0]
+
+
+def test_names_that_people_gave_are_told(result, explained):
+    one = next(one for one in explained if one.stage == Stage.SETTLED)
+    place = [tracks.frame_index for tracks in result.tracks].index(one.frame)
+    tracks = dataclasses.replace(result.tracks[place], names={one.answer_id: "my mug"})
+    named = dataclasses.replace(result, tracks=(tracks,)).explain(one.frame, one.detection)
+    assert named.why[0].endswith("my mug.")
+
+
+def test_what_people_merged_is_told(result):
+    tracks = result.tracks[-1]
+    kept, gone, *others = tracks.object_id.tolist()
+    named = dataclasses.replace(tracks, names={kept: "my mug"})
+    both = as_merged(named, {gone: kept})
+    held, lost = (0, 1) if both.object_id[1] == NO_ID else (1, 0)
+    told = dataclasses.replace(result, tracks=(both,)).explain(tracks.frame_index, lost)
+    assert told.why[-1] == (
+        f"Its object and that of detection {held} were merged into my mug, and detection {held} "
+        "is the better match."
+    )
+    alone = dataclasses.replace(named, object_id=np.array([NO_ID, gone, *others]))
+    merged = dataclasses.replace(result, tracks=(as_merged(alone, {gone: kept}),))
+    told = merged.explain(tracks.frame_index, 1)
+    assert told.why[-1] == f"Square {gone} was merged into my mug."
 
 
 def test_a_recognized_square_names_the_evidence_for_it(explained):
