@@ -23,9 +23,11 @@ from remind_jax.backbone.registry import Backbone
 from remind_jax.benchmark.contenders import Contender
 from remind_jax.benchmark.records import Record, folder_of, read_record, write_record
 from remind_jax.benchmark.scenes import Scene
+from remind_jax.compiled.method_code import code_of
 from remind_jax.detectors import DetectorOptions
 from remind_jax.errors import RemindError, first_line
 from remind_jax.masks.alignment import Alignment
+from remind_jax.method import get_method
 from remind_jax.outputs.result import Result
 from remind_jax.session.growing_memory import return_freed_memory
 from remind_jax.session.run import run
@@ -228,6 +230,8 @@ def _fingerprint(
         "scene": shown,
         "detector": detector,
     }
+    if code := code_of(get_method(contender.config.tracker)):
+        decisive["code"] = code
     text = json.dumps(decisive, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -11,6 +11,7 @@ from typing import Any
 from remind_jax import __version__
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
+from remind_jax.compiled.method_code import code_of
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.errors import ConfigError, SweepError
@@ -20,7 +21,6 @@ from remind_jax.settings.ranges import check_option
 from remind_jax.sources import Sampling, Source, open_source
 from remind_jax.sources.opening import check_options
 from remind_jax.sweeps.cluster import Cluster
-from remind_jax.sweeps.method_code import code_of
 from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.result import SweepResult
 from remind_jax.sweeps.scene_arrays import SceneFrames, load_scene

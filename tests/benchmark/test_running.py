@@ -1,15 +1,18 @@
 """What is run, kept, resumed and counted as failed, on two tiny tours."""
 
 import dataclasses
+import functools
 import shutil
 
 import pytest
 
+from remind_jax import method as methods
 from remind_jax.benchmark import running
 from remind_jax.benchmark.running import peak_rss_mib, reset_peak
 from remind_jax.benchmark.scenes import find_scenes
 from remind_jax.benchmark.scoring import read_truth, score, score_scene
 from remind_jax.benchmark.tables import list_failures, make_tables
+from remind_jax.method import get_method
 from tests.benchmark.conftest import METHODS, run
 
 
@@ -53,6 +56,15 @@ def test_other_content_under_the_same_names_is_another_result(setup, dataset, tm
     content = file.read_bytes()
     file.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
     assert run(setup, find_scenes(tmp_path / "data"), ("iou",))[1] == new
+
+
+def test_another_own_method_of_the_same_name_is_another_result(setup, dataset, monkeypatch):
+    package, scenes = get_method("iou"), find_scenes(dataset)[:1]
+    monkeypatch.setattr(running, "run", lambda source, **options: 1 / 0)  # fails soon
+    for value, is_new in ((1, True), (1, False), (2, True)):
+        own = dataclasses.replace(package, decide=functools.partial(package.decide, own=value))
+        monkeypatch.setitem(methods._methods, "iou", own)
+        assert run(setup, scenes, ("iou",))[1] == [("alike-1", "iou")] * is_new
 
 
 def test_an_interruption_costs_the_run_in_work(setup, dataset, monkeypatch):

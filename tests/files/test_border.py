@@ -24,11 +24,11 @@ OUR_OWN = {
     "remind_jax/benchmark/running.py": "the memory of the process, in /proc",
     "remind_jax/benchmark/scenes.py": "the digest of a scene",
     "remind_jax/benchmark/tours.py": "the digest of what it rendered itself",
+    "remind_jax/compiled/method_code.py": "the source of a tracker that runs already, for a digest",
     "remind_jax/compiled/programs.py": "the source of this package",
     "remind_jax/live_page/server.py": "the page that it serves",
     "remind_jax/outputs/overlay.py": "whether its own video can be played",
     "remind_jax/session/growing_memory.py": "the memory of the system, in /proc",
-    "remind_jax/sweeps/method_code.py": "the source of a tracker that runs already, for a digest",
     "weights_convert/variant_detection.py": "values of a configuration that was read already",
 }
 

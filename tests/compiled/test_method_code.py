@@ -6,31 +6,34 @@ import functools
 import jax
 import numpy as np
 
+from remind_jax.compiled.method_code import code_of
 from remind_jax.method import get_method
-from remind_jax.sweeps.method_code import code_of
+from remind_jax.settings.method_names import find_methods
 
 
-def test_rows_depend_on_every_function_of_an_own_method(tmp_path):
+def test_results_depend_on_every_function_of_an_own_method(tmp_path):
     package, file = get_method("iou"), tmp_path / "mine.py"
     code = {}
     for text in ("def f(): return 1", "def f(): return 2"):
         file.write_text(text)
         exec(compile(text, file, "exec"), own := {})
-        for place in ("init", "describe", "decide"):
-            method = dataclasses.replace(package, **{place: own["f"]})
+        needs = dataclasses.replace(package.needs, observe=own["f"])
+        for place in ("init", "describe", "decide", "needs"):
+            made = needs if place == "needs" else own["f"]
+            method = dataclasses.replace(package, **{place: made})
             code.setdefault(place, []).append(code_of(method))
         wrapped = dataclasses.replace(package, decide=jax.named_scope("mine")(own["f"]))
         code.setdefault("wrapped", []).append(code_of(wrapped))
         kept = dataclasses.replace(package, decide=functools.partial(own["f"]))
         assert code_of(kept) == code_of(kept)
     assert all(before != after for before, after in code.values())
-    assert code_of(package) == ""
+    assert all(code_of(get_method(name)) == "" for name in find_methods())
     exec("def f(): return 1", typed := {})
     typed = dataclasses.replace(package, decide=typed["f"])
     assert code_of(typed) != code_of(typed), "nobody can tell what it was"
 
 
-def test_rows_depend_on_what_is_bound_to_a_function_of_an_own_method():
+def test_results_depend_on_what_is_bound_to_a_function_of_an_own_method():
     package = get_method("iou")
 
     def within(reach):

@@ -1,4 +1,4 @@
-"""What a method of one's own is made of: rows of a sweep are taken up only from the same one."""
+"""What a method of one's own is made of: results are taken up only from the same one."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ def code_of(method: Method) -> str:
 
 
 def _text_of_method(method: Method, told: list[Any]) -> str:
-    functions = (method.init, method.describe, method.decide)
-    return "".join(_text_of(one, told) for one in functions if not is_of_this_package(one))
+    given = (method.init, method.describe, method.decide, *vars(method.needs).values())
+    functions = (one for one in given if callable(one) and not is_of_this_package(one))
+    return "".join(_text_of(one, told) for one in functions)
 
 
 def _text_of(value: Any, told: list[Any]) -> str:
