@@ -34,6 +34,7 @@ FRAMES_NAME = "frames.jsonl"
 _FORMAT, _VERSION = "remind-jax checkpoint", 2
 # Of the moment, of the end, or of what people changed meanwhile.
 _NOT_COMPARED = ("info.started_at", "info.class_names", "info.fps", "info.renamed")
+_CODE = "options.tracker_code"  # of a method of one's own
 _START_ANEW = "start the run anew with --overwrite"
 
 
@@ -76,6 +77,8 @@ class Header(msgspec.Struct, frozen=True):
         was, given = (
             dict(flatten(msgspec.to_builtins(one), with_empty=True)) for one in (self, now)
         )
+        if None in (was.get(_CODE), given.get(_CODE)):  # as in earlier versions, or nobody can tell
+            was[_CODE] = given[_CODE] = None
         for name in dict.fromkeys((*given, *was)):
             if name == "info.known_objects" and was.get(name) != given.get(name):
                 raise OutputError(

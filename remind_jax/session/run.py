@@ -11,6 +11,7 @@ from typing import Any
 from remind_jax import files
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
+from remind_jax.compiled.method_code import digest_of
 from remind_jax.config import Config, load_config
 from remind_jax.detectors import Detector, DetectorOptions, as_detector
 from remind_jax.errors import OptionError, OutputError, SourceError
@@ -172,7 +173,7 @@ def run(
         return run_into(
             loop,
             checkpoints,
-            {"delay": delay, "trace": trace},
+            {"delay": delay, "trace": trace, "tracker_code": digest_of(tracking.method)},
             overlay=overlay,
             overwrite=overwrite,
             resume=resume,

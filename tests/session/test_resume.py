@@ -10,7 +10,9 @@ import pytest
 
 import remind_jax as rj
 from remind_jax import files
+from remind_jax import method as methods
 from remind_jax.errors import OptionError, OutputError, RemindError, SourceError
+from remind_jax.method import get_method
 from remind_jax.outputs.writer import CHECKPOINT_NAME, MEMORY_NAME
 from remind_jax.session import checkpoint
 from remind_jax.session.memory_file import load_memory, save_memory
@@ -196,6 +198,22 @@ def test_anything_else_is_refused_and_nothing_is_lost(tmp_path, whole):
         assert (tmp_path / "run" / "detections.jsonl").read_bytes() == record
     track(tmp_path / "run", resume=True)
     assert compare_runs(whole, tmp_path / "run") == []
+
+
+def test_other_code_of_an_own_method_is_refused_where_it_can_be_told(tmp_path, monkeypatch):
+    package, out = get_method("bank"), tmp_path / "run"
+
+    def own(value):
+        decide = lambda *given, **options: (value, package.decide(*given, **options))[1]  # noqa: E731
+        monkeypatch.setitem(methods._methods, "bank", dataclasses.replace(package, decide=decide))
+
+    own(1)
+    break_off(out, 4)
+    own(2)
+    with pytest.raises(OutputError, match=r"begun with tracker_code '.*'; give what it was begun"):
+        track(out, resume=True)
+    own(object())  # another one in every process, as what a notebook defines
+    assert track(out, resume=True).complete
 
 
 def test_another_source_in_a_finished_folder_is_refused(whole):
