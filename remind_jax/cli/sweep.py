@@ -223,7 +223,7 @@ class Sweep:
             )
             return result, [f"## One threshold at a time\n\n{curves_to_markdown(curves)}"]
         if self.random is not None:
-            settings = draw(bench.complete_space(space), self.random, self.seed)
+            settings = draw(bench.complete_space(space), self.random, self.seed, bench.find_fault)
         result = bench.run([GIVEN, *settings])
         if len(bench.scenes) < 2 or not result.complete:
             return result, []

@@ -112,8 +112,12 @@ class Config:
             del values["static"]["switches"]
         return _plain(values)
 
-    def updated(self, changes: Mapping[str, Any], origin: str = "changes") -> Config:
+    def updated(
+        self, changes: Mapping[str, Any], origin: str = "changes", *, ordered: bool = True
+    ) -> Config:
         """A copy with some values changed, e.g. `{"thresholds": {"matching": {"match": 0.7}}}`.
+
+        Unless `ordered`, a least may be above its most.
 
         Raises:
           ConfigError: For an unknown key or a value of the wrong kind.
@@ -123,7 +127,8 @@ class Config:
         start = self if tracker is None else self.with_tracker(_as_tracker(tracker, origin))
         flat = flat_keys(changes, start.keys, start.tracker, origin)
         chosen = start.chosen | flat.keys() | ({"tracker"} if tracker is not None else set())
-        return dataclasses.replace(_update(start, nest(flat), (), origin), chosen=chosen)
+        filled = _update(start, nest(flat), (), origin, ordered)
+        return dataclasses.replace(filled, chosen=chosen)
 
     def with_tracker(self, name: str) -> Config:
         """The configuration for another tracker; input stays, and static where it was chosen.
@@ -312,21 +317,24 @@ def _plain(value: Any) -> Any:
     return value.item() if hasattr(value, "item") else value
 
 
-def _update(node: Any, changes: Mapping[str, Any], path: tuple[str, ...], origin: str) -> Any:
+def _update(
+    node: Any, changes: Mapping[str, Any], path: tuple[str, ...], origin: str, ordered: bool = True
+) -> Any:
     """Replaces fields of nested dataclasses, checking kinds; all of them are there."""
     updated = {}
     for key, value in changes.items():
         old, below = getattr(node, key), (*path, key)
         record = type(node).__dataclass_fields__[key].metadata.get("setting", Setting(""))
         if dataclasses.is_dataclass(old):
-            updated[key] = _update(old, value, below, origin)
+            updated[key] = _update(old, value, below, origin, ordered)
         else:
             name = f"{'.'.join(below)} in {origin}"
             updated[key] = _coerce(value, old, name)
             if path[:1] != ("static",):  # counts have ranges of their own
                 check_range(name, updated[key], record)
     node = dataclasses.replace(node, **updated)
-    check_order(node, "".join(f"{part}." for part in path))
+    if ordered:
+        check_order(node, "".join(f"{part}." for part in path))
     return node
 
 

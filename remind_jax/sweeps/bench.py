@@ -105,6 +105,14 @@ class SceneBench:
         """What settings will be made of, checked (`settings.complete_space`)."""
         return complete_space(space, self._config)
 
+    def find_fault(self, setting: Mapping[str, Value]) -> str:
+        """Why a setting is not accepted, such as a least above its most; "" if it is."""
+        try:
+            complete([setting], self._config)
+        except ConfigError as error:
+            return str(error)
+        return ""
+
     def run(self, settings: Sequence[Mapping[str, Value]]) -> SweepResult:
         """Scores every setting on every scene; what has a row already is not run again.
 

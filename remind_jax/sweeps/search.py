@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 Space = Mapping[str, Sequence[Value]]  # as in `settings.draw`
 SamplerName = Literal["tpe", "nsga2"]
 
+_MAX_TRIES = 100  # to fill up a batch with settings that are allowed
 GIVEN: Setting = {}  # the configuration as it stands; the first row of every search
 
 
@@ -61,19 +62,16 @@ def search(
     results: list[SweepResult] = []
     tried = 0
     while tried < number:
-        trials = [study.ask() for _ in range(min(at_once, number - tried))]
-        settings: list[Setting] = [
-            {name: _suggest(trial, name, values) for name, values in space.items()}
-            for trial in trials
-        ]
+        proposed = _propose(study, space, bench, min(at_once, number - tried))
+        settings = [setting for _, setting in proposed]
         result = bench.run([GIVEN, *settings] if not tried else settings)
         results.append(result)
         if not result.complete:
             break
-        standings = result.standings()[-len(trials) :]
-        for trial, standing in zip(trials, standings, strict=True):
+        standings = result.standings()[-len(proposed) :]
+        for (trial, _), standing in zip(proposed, standings, strict=True):
             _tell(study, trial, [standing.scores[name] for name in objectives])
-        tried += len(trials)
+        tried += len(proposed)
     return SweepResult(
         settings=tuple(setting for result in results for setting in result.settings),
         scenes=results[0].scenes,
@@ -123,6 +121,24 @@ def _make_sampler(name: SamplerName, at_once: int, seed: int) -> Any:
         if name == "nsga2":
             return optuna.samplers.NSGAIISampler(population_size=max(2, at_once), seed=seed)
     raise SweepError(f"there is no sampler {name!r}; {nearest_names(name, ('tpe', 'nsga2'))}")
+
+
+def _propose(study: optuna.Study, space: Space, bench: SceneBench, number: int) -> list[Any]:
+    """At most so many trials with settings that are allowed; others count as bad to the study."""
+    from optuna.trial import TrialState
+
+    proposed, fault = [], ""
+    for _ in range(_MAX_TRIES):
+        for trial in [study.ask() for _ in range(number - len(proposed))]:
+            setting = {name: _suggest(trial, name, values) for name, values in space.items()}
+            fault = bench.find_fault(setting)
+            if fault:
+                study.tell(trial, state=TrialState.PRUNED)
+            else:
+                proposed.append((trial, setting))
+    if not proposed:
+        raise SweepError(f"no setting that the search tries is allowed: {fault}; give other ranges")
+    return proposed
 
 
 def _suggest(trial: optuna.Trial, name: str, values: Sequence[Value]) -> Value:

@@ -14,7 +14,7 @@ import numbers
 import re
 import reprlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -84,17 +84,23 @@ def _as_list(name: str, values: Any) -> list[Value]:
     return list(itertools.islice(values, MAX_SETTINGS + 1))
 
 
-def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> list[Setting]:
+def draw(
+    space: Mapping[str, Sequence[Value]],
+    number: int,
+    seed: int = 0,
+    find_fault: Callable[[Setting], str] = lambda setting: "",
+) -> list[Setting]:
     """Random settings: uniform between two numbers, whole ones if both are, else one of several.
 
-    All differ; where there are not so many, there are fewer.
+    All differ; where there are not so many, or most have a fault, there are fewer.
 
     Args:
       space: By name, the least and the largest value, or three or more to choose from.
       seed: Same seed, same settings.
+      find_fault: What is wrong with a setting (`SceneBench.find_fault`), which is drawn again then.
 
     Raises:
-      ConfigError: If the number is out of range, or a range has no values.
+      ConfigError: If the number is out of range, a range has no values, or all have a fault.
     """
     if not 0 < number <= MAX_SETTINGS:
         raise ConfigError(f"{number} settings cannot be drawn; give 1 to {MAX_SETTINGS}")
@@ -115,11 +121,16 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
         return float(random.uniform(low, high))
 
     drawn: dict[tuple[Value, ...], Setting] = {}
+    fault = ""
     for _ in range(_MAX_DRAWS * number):
         setting = {name: one(values) for name, values in space.items()}
-        drawn.setdefault(tuple(setting.values()), setting)
+        fault = fault if tuple(setting.values()) in drawn else find_fault(setting)
+        if not fault:
+            drawn.setdefault(tuple(setting.values()), setting)
         if len(drawn) == number:
             break
+    if not drawn:
+        raise ConfigError(f"no setting that was drawn is allowed: {fault}; give other ranges")
     return list(drawn.values())
 
 
@@ -241,23 +252,29 @@ def complete_space(space: Mapping[str, Iterable[Value]], config: Config) -> dict
     """What settings will be made of, checked before the first is tried.
 
     Values are of the kind of their threshold: 0 and 1 are the ends of a range of whole numbers only
-    where the threshold takes nothing else.
+    where the threshold takes nothing else. Which may go together is not looked at.
 
     Raises:
-      ConfigError: If a threshold is unknown, or one of its values is not allowed.
+      ConfigError: If a threshold is unknown or named twice, or one of its values is not allowed.
     """
-    return {
+    found = {
         name: [
             value
-            for setting in complete([{name: value} for value in values], config)
+            for setting in complete([{name: value} for value in values], config, ordered=False)
             for value in setting.values()
         ]
         for name, values in space.items()
     }
+    complete([{name: values[0] for name, values in found.items()}], config, ordered=False)
+    return found
 
 
-def complete(settings: Sequence[Mapping[str, Value]], config: Config) -> list[Setting]:
+def complete(
+    settings: Sequence[Mapping[str, Value]], config: Config, *, ordered: bool = True
+) -> list[Setting]:
     """The settings under full names below `thresholds`, each checked against the configuration.
+
+    Unless `ordered`, a least may be above its most.
 
     Raises:
       ConfigError: If there is none, or a threshold is unknown or its value of the wrong kind.
@@ -281,9 +298,8 @@ def complete(settings: Sequence[Mapping[str, Value]], config: Config) -> list[Se
         named = {full[name]: value for name, value in setting.items()}
         if len(named) < len(setting):
             raise ConfigError(f"{_ORIGIN} gives a threshold twice: {', '.join(setting)}")
-        values = dict(
-            flatten_fields(config.updated({"thresholds": nest(named)}, _ORIGIN).thresholds)
-        )
+        changed = config.updated({"thresholds": nest(named)}, _ORIGIN, ordered=ordered)
+        values = dict(flatten_fields(changed.thresholds))
         checked.append({name: values[name] for name in named})
     return checked
 

@@ -32,6 +32,10 @@ class FakeBench:
         )
         return SweepResult(tuple(dict(s) for s in settings), self.scenes, rows, 4, 0)
 
+    def find_fault(self, setting: Setting) -> str:
+        """As of thresholds of which one may not be above the other."""
+        return "low is above high" * (setting.get("low", 0) > setting.get("high", 1))
+
     def complete_space(self, space):
         """Everything is allowed, as it is."""
         return space

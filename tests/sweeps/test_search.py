@@ -64,6 +64,18 @@ def test_of_two_high_scores_more_of_both_is_better():
     assert [one.index for one in result.pareto("Ambiguous", "IDF1")] == [2, 0]
 
 
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2"])
+def test_settings_that_are_not_allowed_are_proposed_anew(sampler):
+    formula = lambda setting, _: {"IDF1": setting.get("low", 0.0)}  # noqa: E731
+    bench = FakeBench(formula)
+    space = {"low": (0.0, 1.0), "high": (0.0, 1.0)}
+    result = search(bench, space, number=40, at_once=8, sampler=sampler)
+    assert len(result.settings) == 41
+    assert not any(map(bench.find_fault, result.settings))
+    with pytest.raises(SweepError, match="allowed: low is above high; give other ranges"):
+        search(FakeBench(formula), {"low": (0.5, 1.0), "high": (0.0, 0.4)}, sampler=sampler)
+
+
 def test_unknown_scores_teach_nothing_and_stop_nothing():
     def half_known(setting, scene):
         scores = hill(setting, scene)

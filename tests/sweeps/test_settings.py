@@ -152,6 +152,22 @@ def test_both_ends_of_a_range_are_checked_and_of_the_kind_of_their_threshold():
         complete_space({"matching.match": (0.5, 90.0)}, load_config("remind"))
 
 
+def test_thresholds_with_an_order_between_them_have_ranges_of_their_own():
+    config = load_config("remind")
+    given = {"appearance.update_rate_min": (0, 0.5), "appearance.update_rate_max": (0, 0.9)}
+    space = complete_space(given, config)
+    assert list(space.values()) == [[0.0, 0.5], [0.0, 0.9]]
+    bench = SceneBench([(np.zeros((64, 64, 3), np.uint8), np.ones((64, 64), int))], config=config)
+    drawn = draw(space, 20, 1, bench.find_fault)
+    assert len(complete(drawn, config)) == 20, "raises where the order is broken"
+    legal = [one for one in draw(space, 20, 1) if not bench.find_fault(one)]
+    assert drawn[: len(legal)] == legal
+    with pytest.raises(ConfigError, match=r"allowed: .*update_rate_min is 0.* give other ranges"):
+        draw({**space, "appearance.update_rate_max": (0.0, 0.0)}, 3, 1, bench.find_fault)
+    with pytest.raises(ConfigError, match="a threshold twice"):
+        complete_space({"matching.match": (0.5, 0.6), "match": (0.5, 0.6)}, config)
+
+
 @pytest.mark.parametrize(
     "setting",
     [{"decision.commit_age": 2.7}, {"decision.new": "1"}, {"decision.new": True},
