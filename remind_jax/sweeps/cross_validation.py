@@ -10,7 +10,14 @@ import numpy as np
 
 from remind_jax.errors import SweepError
 from remind_jax.printing.small_table import Printable, SmallTable
-from remind_jax.sweeps.result import SweepResult, markdown_table, mean_known, show_setting, sign_of
+from remind_jax.sweeps.result import (
+    SweepResult,
+    markdown_table,
+    mean_known,
+    show_score,
+    show_setting,
+    sign_of,
+)
 from remind_jax.sweeps.search import GIVEN
 from remind_jax.sweeps.settings import Setting
 
@@ -26,7 +33,7 @@ class Fold:
     setting: Setting
     chosen_score: float  # mean over the other scenes
     score: float  # on the scene held out
-    given_score: float  # of the configuration as it stands, on the same scene
+    given_score: float  # of the configuration as it stands, on the same scene; NaN if not swept
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -76,10 +83,10 @@ class CrossValidation(Printable):
         return [
             (
                 fold.scene,
-                f"{fold.score:.3f}",
-                f"{fold.given_score:.3f}",
-                f"{gain:+.3f}",
-                f"{fold.chosen_score:.3f}",
+                show_score(fold.score),
+                show_score(fold.given_score),
+                show_score(gain, "+.3f"),
+                show_score(fold.chosen_score),
                 show_setting(fold.setting),
             )
             for fold, gain in zip(self.folds, self.gains, strict=True)
@@ -88,10 +95,12 @@ class CrossValidation(Printable):
     def mean(self) -> str:
         """The means and their intervals in a sentence."""
         (low, high), (least, most) = self.interval(), self.interval(self.gains)
+        gain = f"gain {mean_known(self.gains):+.3f} [{least:+.3f}, {most:+.3f}]"
+        if np.all(np.isnan(self.gains)):
+            gain = "no gain known without the setting {}"
         return (
             f"Mean over {len(self.folds)} scenes: {self.metric} {np.nanmean(self.scores):.3f} "
-            f"[{low:.3f}, {high:.3f}], gain {np.nanmean(self.gains):+.3f} "
-            f"[{least:+.3f}, {most:+.3f}] (95 %, bootstrap over scenes)"
+            f"[{low:.3f}, {high:.3f}], {gain} (95 %, bootstrap over scenes)"
         )
 
     def to_markdown(self) -> str:
@@ -122,8 +131,8 @@ def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation
     For grids and random settings, which do not depend on the scenes; what a search proposes does.
 
     Args:
-      result: Rows of at least two scenes; the setting `{}` in it is what gains are counted from,
-        the first one if it is missing.
+      result: Rows of at least two scenes; the setting `{}` in it, the configuration as it stands,
+        is what gains are counted from: none is known without it.
       metric: Score by which settings are chosen.
 
     Raises:
@@ -131,7 +140,8 @@ def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation
     """
     result.best(metric)  # says so if there is no such score
     table = result.table()[:, :, result.metrics.index(metric)]
-    given = result.settings.index(GIVEN) if GIVEN in result.settings else 0
+    unknown = np.full(len(result.scenes), math.nan)
+    given = table[result.settings.index(GIVEN)] if GIVEN in result.settings else unknown
     folds = []
     for held_out, scene in enumerate(result.scenes):
         chosen = choose_without(result, scene, metric)
@@ -141,7 +151,7 @@ def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation
                 result.settings[chosen],
                 float(mean_known(np.delete(table[chosen], held_out))),
                 float(table[chosen, held_out]),
-                float(table[given, held_out]),
+                float(given[held_out]),
             )
         )
     return CrossValidation(metric, tuple(folds))

@@ -64,7 +64,7 @@ class SweepResult(Printable):
             f"sweep of {size}{stopped}; best {metric} first",
             heads=("setting", *self.metrics),
             rows=[
-                (show_setting(best.setting), *(_show_score(best.scores[m]) for m in self.metrics))
+                (show_setting(best.setting), *(show_score(best.scores[m]) for m in self.metrics))
                 for best in self.best(metric, len(self.settings))
             ],
         )
@@ -143,7 +143,7 @@ class SweepResult(Printable):
             (
                 str(standing.index),
                 *(_show(standing.setting.get(name, "")) for name in names),
-                *(_show_score(standing.scores[metric]) for metric in self.metrics),
+                *(show_score(standing.scores[metric]) for metric in self.metrics),
             )
             for standing in chosen
         ]
@@ -175,5 +175,6 @@ def _show(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _show_score(score: float) -> str:
-    return "-" if math.isnan(score) else f"{score:.3f}"
+def show_score(score: float, as_number: str = ".3f") -> str:
+    """A score as tables have it; what is not known is a dash."""
+    return "-" if math.isnan(score) else format(score, as_number)

@@ -48,6 +48,14 @@ def test_where_less_is_better_the_least_is_best():
         sign_of("Identities")
 
 
+def test_no_gain_is_told_where_the_configuration_was_not_swept():
+    validation = cross_validate(FakeBench(favourite, tuple("abcd")).run(SETTINGS[1:]))
+    np.testing.assert_allclose(validation.scores, 0.8)
+    assert np.isnan(validation.gains).all()
+    assert validation.to_markdown().count("| 0.800 | - | - | 0.800 |") == 4
+    assert "no gain known without the setting {} (95 %" in validation.mean()
+
+
 def test_one_scene_is_too_few():
     bench = FakeBench(hill, ("a",))
     with pytest.raises(SweepError, match="no scene but 'a'"):
