@@ -1,7 +1,7 @@
 """How the light on the whole image changed, which is undone before objects are described (host).
 
 Rule: method_plus.md#image-light. A lamp that is switched on and a camera that measures its white
-anew change the colors of everything at once. Where the image goes on, pixels tell how.
+anew change the colors of everything, at once or slowly. Where the image goes on, pixels tell how.
 """
 
 from __future__ import annotations
@@ -22,8 +22,11 @@ LEAST_SCORE = 0.2  # of the motion by which pixels are compared
 SENSOR_OFFSET = 4.0  # gray levels; keeps noise in the dark from looking like color
 DARK, BRIGHT = 12, 245  # gray levels beyond which colors are not compared
 LEAST_PIXELS = 200
+# Light that changes slowly is compared after so many frames, or once they moved so far.
+DRIFT_FRAMES = 15
+DRIFT_SHIFT = 0.15  # of the width
 # Natural logarithms of color ratios.
-JUMP = 0.08  # changes that are smaller are none
+JUMP = 0.08  # smaller changes are not undone before they add up to this
 AGREEMENT = 0.1  # pixels agree on a change within this
 SAME = 0.03  # light within this is as it was at first
 AGREEING_SHARE = 0.6  # of the pixels that must agree
@@ -46,10 +49,14 @@ class Tone:
         offset = np.subtract(self.offset, np.multiply(contrast, change.offset))
         return Tone(contrast, tuple(offset.tolist()))
 
+    def tint_from(self, other: Tone) -> float:
+        """How far what they make of gray is apart, as the logarithm of a ratio to green."""
+        off = np.subtract(self.offset, other.offset)
+        return float(np.abs(off - off[1]).max())
+
     def is_none(self) -> bool:
         """Whether it changes colors by next to nothing."""
-        tints = np.subtract(self.offset, self.offset[1])
-        return abs(self.contrast - 1.0) < SAME and bool(np.all(np.abs(tints) < SAME))
+        return abs(self.contrast - 1.0) < SAME and self.tint_from(Tone()) < SAME
 
     def apply(self, image: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "H W 3"]:
         """The image with these colors."""
@@ -63,8 +70,12 @@ class ImageLight:
 
     def __init__(self) -> None:
         """Has seen no image."""
-        self._last: np.ndarray | None = None
-        self._tone = Tone()
+        self._last: np.ndarray | None = None  # reduced, as is the reference
+        self._reference = np.zeros((0, 0, 3), np.uint8)  # an earlier image, against which it drifts
+        self._moved = np.eye(3)  # since then, in pixels of the image
+        self._age = 0  # frames since then
+        self._estimate = Tone()  # that brings what was last compared into the first light
+        self._tone = Tone()  # that images are brought into the first light by
 
     def follow(self, image: UInt8[np.ndarray, "H W 3"] | None, motion: Motion) -> None:
         """Takes the next RGB image, None where there is none, and its motion from the last one."""
@@ -74,27 +85,49 @@ class ImageLight:
         height, width = reduced_size(image, COMPARED_AREA_PX)
         # Means of four pixels each: to read all of them takes longer than all that follows.
         some = cv2.resize(image, (2 * width, 2 * height), interpolation=cv2.INTER_NEAREST)
-        self._last = cv2.resize(some, (width, height), interpolation=cv2.INTER_AREA)
-        if last is None or last.shape != self._last.shape or motion.score < LEAST_SCORE:
+        now = self._last = cv2.resize(some, (width, height), interpolation=cv2.INTER_AREA)
+        if last is None or last.shape != now.shape or motion.score < LEAST_SCORE:
+            self._refer_to(now)
             return
-        matrix = scale_motion(motion.matrix, (width / image.shape[1], height / image.shape[0]))
-        there = cv2.warpAffine(last, matrix, (width, height))  # black, not compared, outside
-        change = find_change(there, self._last)
-        if change is not None:
-            tone = self._tone.after(change)
+
+        def compare(before: np.ndarray, matrix: np.ndarray, least: float) -> Tone | None:
+            scaled = scale_motion(matrix, (width / image.shape[1], height / image.shape[0]))
+            # Black, which is not compared, outside.
+            return find_change(cv2.warpAffine(before, scaled, (width, height)), now, least)
+
+        self._moved = np.vstack([motion.matrix, (0, 0, 1)]) @ self._moved
+        self._age += 1
+        change = compare(last, motion.matrix, JUMP)
+        is_jump = change is not None
+        if not is_jump:
+            shift = np.abs(self._moved[:2, 2]).max() / image.shape[1]
+            if self._age < DRIFT_FRAMES and shift < DRIFT_SHIFT:
+                return
+            change = compare(self._reference, self._moved[:2], 0.0)
+        self._refer_to(now)
+        if change is None:
+            return
+        self._estimate = self._estimate.after(change)
+        if is_jump or self._estimate.tint_from(self._tone) > JUMP:
             # Light that is as it was leaves images as they are, however often it changed.
-            self._tone = Tone() if tone.is_none() else tone
+            self._tone = Tone() if self._estimate.is_none() else self._estimate
 
     def steady(self, image: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "H W 3"]:
         """The image that was followed last, in the first light."""
         return image if self._tone == Tone() else self._tone.apply(image)
 
+    def _refer_to(self, image: UInt8[np.ndarray, "h w 3"]) -> None:
+        """Compares later images with this one."""
+        self._reference, self._moved, self._age = image, np.eye(3), 0
 
-def find_change(before: UInt8[np.ndarray, "h w 3"], now: UInt8[np.ndarray, "h w 3"]) -> Tone | None:
+
+def find_change(
+    before: UInt8[np.ndarray, "h w 3"], now: UInt8[np.ndarray, "h w 3"], least: float = JUMP
+) -> Tone | None:
     """How the colors of one image became those of another that shows the same.
 
     Told from ratios of red and blue to green, which shadows and the distance to a lamp hardly
-    change; None where they are as they were, or pixels do not agree.
+    change; None where no median changed by more than `least`, or pixels do not agree.
     """
     channels: list[Any] = [*cv2.split(before), *cv2.split(now)]
     compared = functools.reduce(cv2.min, channels) > DARK
@@ -105,9 +138,10 @@ def find_change(before: UInt8[np.ndarray, "h w 3"], now: UInt8[np.ndarray, "h w 
     old_tint = np.stack([red - green, blue - green])
     new_tint = np.stack([new[0] - new[1], new[2] - new[1]])
     contrast, tint = 1.0, np.median(new_tint - old_tint, axis=1, keepdims=True)
-    if np.abs(tint).max() <= JUMP:
+    if np.abs(tint).max() <= least:
         return None
-    for _ in range(FIT_ROUNDS):
+    # Small changes add up: contrast, that noise makes less each time, is fitted to large ones only.
+    for _ in range(FIT_ROUNDS if np.abs(tint).max() > JUMP else 0):
         kept = np.abs(new_tint - contrast * old_tint - tint).max(axis=0) < 2 * AGREEMENT
         if np.count_nonzero(kept) < LEAST_PIXELS:
             return None

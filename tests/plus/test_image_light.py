@@ -48,6 +48,25 @@ def test_another_light_is_undone_while_the_camera_moves(gains, contrast):
     assert tint_error(show([image, changed])[1], moved) < 0.02
 
 
+def test_light_that_changes_slowly_is_undone_while_the_camera_moves():
+    image, evening = picture(), np.array((0.8, 1.0, 1.25))
+    moved = [np.roll(image, (t, 2 * t), (0, 1)) for t in range(61)]
+    changed = [in_light(one, tuple(evening ** (t / 60))) for t, one in enumerate(moved)]
+    shown = show(changed)
+    assert tint_error(changed[-1], moved[-1]) > 0.2
+    # What was not enough to be undone yet, and what changed since the last comparison.
+    assert tint_error(shown[-1], moved[-1]) < 0.08
+
+
+def test_noise_adds_up_to_no_light():
+    rng, image = np.random.default_rng(0), picture().astype(float)
+    noise = rng.normal(0, 8, (150, 1, 1, 3)) * 0.1 + rng.normal(0, 8, (150, *image.shape))
+    noisy = np.clip(image + noise, 0, 255).astype(np.uint8)
+    images = [np.roll(one, (t, 3 * t), (0, 1)) for t, one in enumerate(noisy)]
+    for given, shown in zip(images, show(images), strict=True):
+        assert shown is given
+
+
 def test_images_stay_as_they_are_where_light_does():
     images = [picture(), in_light(picture(), (0.7, 0.7, 0.7))]
     for image, shown in zip(images, show(images), strict=True):
