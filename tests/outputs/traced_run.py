@@ -92,8 +92,9 @@ def make_plus_run(num_frames: int = 8, back_at: int = 99) -> Result:
                 for kind, value in evidence.items():
                     getattr(shown["evidence"], kind)[0, place] = value
         else:
+            stage = Stage.OPEN if back_at <= index <= back_at + 2 else Stage.SETTLED
             is_decided = not back_at <= index < back_at + 2
-            shown |= {"stage": np.array([Stage.SETTLED]), "is_decided": np.array([is_decided])}
+            shown |= {"stage": np.array([stage]), "is_decided": np.array([is_decided])}
         row = {"label": "mug", "outcome": Outcome.MATCH, "object_id": 0}
         if back_at - 5 <= index < back_at:
             row |= {"outcome": Outcome.AMBIGUOUS, "object_id": -1}
