@@ -71,7 +71,7 @@ class ImageLight:
     def __init__(self) -> None:
         """Has seen no image."""
         self._last: np.ndarray | None = None  # reduced, as is the reference
-        self._reference = np.zeros((0, 0, 3), np.uint8)  # an earlier image, against which it drifts
+        self._reference = np.zeros((0, 0, 3), np.uint8)  # slow changes are told from it
         self._moved = np.eye(3)  # since then, in pixels of the image
         self._age = 0  # frames since then
         self._estimate = Tone()  # that brings what was last compared into the first light
