@@ -73,6 +73,14 @@ def test_images_stay_as_they_are_where_light_does():
         assert shown is image
 
 
+def test_a_wall_in_the_place_of_another_is_no_light():
+    before = cv2.resize(picture(), (96, 72))
+    now = before.copy()
+    # Two rooms seen through a door: most pixels agree that all became bluer.
+    before[:, 30:], now[:, 30:] = (150, 130, 125), (125, 130, 150)
+    assert find_change(before, now) is None
+
+
 def test_light_that_is_back_leaves_images_as_they_are():
     image, other = picture(), in_light(picture(), (1.2, 1.0, 0.8))
     last = show([image, other] * 20 + [image])[-1]
