@@ -77,7 +77,8 @@ class PlusExplanation(Explanation):
         assert self.new_log_odds is not None
         assert self.new_probability is not None
         is_new = self.answer_id == self.tracklet_id
-        new = f"{'*' if is_new else ' '} {self.label} {self.tracklet_id}, new"
+        called = self.answer_name if is_new else f"{self.label} {self.tracklet_id}"
+        new = f"{'*' if is_new else ' '} {called}, new"
         blank = ["-"] * len(kinds)
         rows.append((new, *blank, change(self.new_log_odds), number(self.new_probability), ""))
         heads = ("candidate", *(kind.replace("_", " ") for kind in kinds), "sum", "probability", "")

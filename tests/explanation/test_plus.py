@@ -115,6 +115,11 @@ def test_names_that_people_gave_are_told(result, explained):
     tracks = dataclasses.replace(result.tracks[place], names={one.answer_id: "my mug"})
     named = dataclasses.replace(result, tracks=(tracks,)).explain(one.frame, one.detection)
     assert named.why[0].endswith("my mug.")
+    new = next(one for one in explained if one.candidates and one.answer_id == one.tracklet_id)
+    place = [tracks.frame_index for tracks in result.tracks].index(new.frame)
+    tracks = dataclasses.replace(result.tracks[place], names={new.answer_id: "my mug"})
+    named = dataclasses.replace(result, tracks=(tracks,)).explain(new.frame, new.detection)
+    assert "* my mug, new " in str(named)
 
 
 def test_what_people_merged_is_told(result):
