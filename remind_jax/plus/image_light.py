@@ -25,7 +25,7 @@ LEAST_PIXELS = 200
 WINDOW_PX = 13  # around a pixel, at the size compared
 LEAST_CORRELATION = 0.7
 NOISE = 3e-4  # variance of logarithms of brightness that says nothing
-# Changes of any size are told from an image after so many frames, or once it moved so far.
+# An image is compared with later ones for so many frames, or until they moved so far.
 COMPARED_FRAMES = 15
 COMPARED_SHIFT = 0.03  # of the width
 # Natural logarithms of color ratios.
@@ -127,7 +127,8 @@ def find_change(
     """How the colors of one image became those of another that shows the same in places.
 
     Told from ratios of red and blue to green, which shadows and the distance to a lamp hardly
-    change; None where no median changed by more than `least`, or pixels do not agree.
+    change; None where no median changed by `least`, too few pixels show the same, or these do not
+    agree.
     """
     channels: list[Any] = [*cv2.split(before), *cv2.split(now)]
     compared = functools.reduce(cv2.min, channels) > DARK
@@ -161,7 +162,7 @@ def find_change(
 
 
 def _changed(tints: Any, pixels: Bool[np.ndarray, "h w"], least: float) -> bool:
-    """Whether enough of these pixels tell that a tint changed by so much."""
+    """Whether there are enough of these pixels, and the median of a tint changed by so much."""
     if np.count_nonzero(pixels) < LEAST_PIXELS:
         return False
     return max(abs(np.median((new - old)[pixels])) for old, new in tints) >= least
