@@ -5,6 +5,7 @@ broadcasts `[N, C]` with `[C]` as NumPy does in nearly every module; casts would
 Solvers and the metrics in the graph are strict about ranks.
 """
 
+import functools
 import gc
 import importlib.metadata
 import os
@@ -22,6 +23,7 @@ import jax
 import jaxtyping
 import pytest
 from hypothesis import settings
+from jax._src.interpreters import mlir
 
 from tests import shape_checks
 
@@ -38,6 +40,9 @@ if not jax.config.values["jax_compilation_cache_dir"]:
     jax.config.update("jax_compilation_cache_dir", str(folder))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 jax.config.update("jax_traceback_in_locations_limit", 0)  # nobody reads where an operation is from
+# Thousands of programs of one operation each: half of the time to make one goes into its context.
+if hasattr(mlir, "make_ir_context"):
+    mlir.make_ir_context = functools.cache(mlir.make_ir_context)
 # Nothing goes to the cache folder of who runs the tests; the workers of pytest-xdist, which inherit
 # the environment, and later runs share what is compiled.
 if "PYTEST_XDIST_WORKER" not in os.environ:

@@ -111,8 +111,6 @@ def run_all(
             write_record(folder, record)
             records.append(record)
             report(record, False)
-            # Compiled programs hold hundreds of MiB each; those on disk are soon back.
-            jax.clear_caches()
     return records
 
 

@@ -55,7 +55,10 @@ def compiler_options(kind: Kind = "step") -> dict[str, Any]:
     backend = jax.default_backend()
     if (kind, backend) in _refused:
         return {}
-    return dict(_known(tuple(OPTIONS.get(backend, {}).get(kind, {}).items())))
+    chosen = dict(_known(tuple(OPTIONS.get(backend, {}).get(kind, {}).items())))
+    if jax.config.values["jax_disable_most_optimizations"]:  # a level of ours would undo that
+        return {name: value for name, value in chosen.items() if name not in _LEVEL}
+    return chosen
 
 
 def compile_lowered(lowered: jax.stages.Lowered, kind: Kind) -> jax.stages.Compiled:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Space = Mapping[str, Sequence[Value]]  # as in `settings.draw`
 SamplerName = Literal["tpe", "nsga2"]
 
-_MAX_TRIES = 100  # to fill up a batch with settings that are allowed
+_MAX_TRIES = 20  # to fill up a batch with settings that are allowed
 GIVEN: Setting = {}  # the configuration as it stands; the first row of every search
 
 

@@ -53,13 +53,14 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
     assert_same_answers(grown, expected)
 
 
-def crowd(index: int) -> tuple[np.ndarray, Detections]:
-    """Three objects, in the second frame among 9 others, and these once more in the tenth."""
+def crowd(index: int, others: int = 9) -> tuple[np.ndarray, Detections]:
+    """Three objects, in the second frame among others, and these once more in the tenth."""
     image, labels = scenes.picture(0)
     masks = [*scenes.masks_of(labels)]
-    for which in range(9 * (index in (1, 9))):
+    for which in range(others * (index in (1, 9))):
         rng = np.random.default_rng(which)
-        window = np.s_[2:10, 4 + 13 * which : 14 + 13 * which]
+        row, column = divmod(which, 18)
+        window = np.s_[2 + 88 * row : 10 + 88 * row, 4 + 13 * column : 14 + 13 * column]
         image[window] = rng.integers(0, 255, 3)
         masks.append(np.zeros(labels.shape, bool))
         masks[-1][window] = True
@@ -68,32 +69,31 @@ def crowd(index: int) -> tuple[np.ndarray, Detections]:
 
 def test_room_for_a_crowd_goes_when_it_is_over_and_no_answer_changes(monkeypatch):
     monkeypatch.setattr(growing_memory, "UNUSED_FRAMES", 5)
-    static = {"num_detections": 4, "num_objects": 32}
 
     def follow() -> tuple[list, list[int]]:
-        tracker, answers, room = Tracker({"static": static}), [], []
+        tracker, answers, room = Tracker(), [], []
         for index in range(12):
-            answers.append(tracker.update(*crowd(index)))
+            answers.append(tracker.update(*crowd(index, others=36)))
             room.append(tracker.static.num_detections)
         return answers, room
 
     shrunk, room = follow()
-    assert room == [4, 16, 16, 16, 16, 16, 4, 4, 4, 16, 16, 16]
+    assert room == [32, 64, 64, 64, 64, 64, 32, 32, 32, 64, 64, 64]
     monkeypatch.setattr(growing_memory.GrowingMemory, "_shrink", lambda *_: None)
     expected, room = follow()
-    assert room == [4, *[16] * 11]
+    assert room == [32, *[64] * 11]
     assert_same_answers(shrunk, expected)
 
 
 def test_room_that_was_asked_for_stays(monkeypatch):
     monkeypatch.setattr(growing_memory, "UNUSED_FRAMES", 2)
-    tracker = Tracker({"static": {"num_detections": 4, "num_objects": 32}})
-    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_detections=16)
+    tracker = Tracker()
+    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_detections=64)
     for index in (0, 2, 3):
         tracker.update(*crowd(index))
-    assert tracker.static.num_detections == 16
+    assert tracker.static.num_detections == 64
     tracker.reset()
-    assert tracker.static.num_detections == 16
+    assert tracker.static.num_detections == 64
 
 
 @pytest.mark.parametrize(("expected", "is_prepared"), [(12, False), (11, True)])
