@@ -55,10 +55,7 @@ def compiler_options(kind: Kind = "step") -> dict[str, Any]:
     backend = jax.default_backend()
     if (kind, backend) in _refused:
         return {}
-    chosen = dict(_known(tuple(OPTIONS.get(backend, {}).get(kind, {}).items())))
-    if jax.config.values["jax_disable_most_optimizations"]:  # a level of ours would undo that
-        return {name: value for name, value in chosen.items() if name not in _LEVEL}
-    return chosen
+    return dict(_known(tuple(OPTIONS.get(backend, {}).get(kind, {}).items())))
 
 
 def compile_lowered(lowered: jax.stages.Lowered, kind: Kind) -> jax.stages.Compiled:

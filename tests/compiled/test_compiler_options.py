@@ -8,7 +8,6 @@ import pytest
 from remind_jax.compiled import compiler_options as co
 from remind_jax.compiled.programs import Recipe, clear_programs, get_program, shapes_of
 
-pytestmark = pytest.mark.usefixtures("optimized")
 LOST = {"xla_cpu_no_such_option": True}
 BARRIER_STAYS = {"xla_disable_hlo_passes": "cse_barrier_expander"}
 
@@ -32,12 +31,6 @@ def run(function=jnp.sum):
     values = np.arange(4, dtype=np.float32)
     recipe = Recipe("sum", function, shapes_of([values]), repr(function), is_kept=False)
     return float(get_program(recipe)(values)[0])
-
-
-def test_what_is_to_be_compiled_quickly_is_compiled_at_no_level_of_ours():
-    assert "xla_backend_optimization_level" in co.compiler_options()
-    jax.config.update("jax_disable_most_optimizations", True)
-    assert "xla_backend_optimization_level" not in co.compiler_options()
 
 
 def test_every_option_is_used_where_this_version_knows_it():
