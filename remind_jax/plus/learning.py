@@ -41,7 +41,8 @@ SPREAD_SAME = 0.1  # those of about the same certainty are averaged, ...
 RELATION_RATE = 0.3  # ... with this weight of the new one
 # Looks that are kept.
 KEEP_EVERY = 2  # a look is learned once in so many detections
-BORDER_AGE = 8  # detections; later looks at the border are not kept
+BORDER_AGE = 8  # detections; later looks at the border are not kept ...
+KNOWN_AGE = 40  # ... up to this age: what was seen for so long is known however it is cut off
 # Cosines that teach, and their weights.
 TEACH_EVERY = 2  # ticks
 TEACH_AGE = 8  # detections of a tracklet that teaches
@@ -150,7 +151,7 @@ class KeptLooks:
     ) -> KeptLooks:
         """Those of decided detections, once in some detections, and of objects without any."""
         turn = counts & (here.age % KEEP_EVERY == 1)
-        turn &= ~(sightings.touches & (here.age > BORDER_AGE))
+        turn &= ~(sightings.touches & (here.age > BORDER_AGE) & (here.age <= KNOWN_AGE))
         is_empty = jnp.all(objects.bank_count == 0, axis=1)[here.slot]
         return cls(here.slot, sightings.look, sure & (turn | is_empty))
 

@@ -147,3 +147,16 @@ def test_an_object_keeps_every_other_look_and_its_first():
         aged = dataclasses.replace(here, age=jnp.full(3, age))
         looks = KeptLooks.in_view(bare, aged, SURE, SURE, detections([[1, 1]] * 3))
         assert looks.keeps.tolist() == [age % learning.KEEP_EVERY == 1, True, False]
+
+
+def test_what_the_border_cuts_off_is_kept_of_new_things_and_of_those_seen_for_long():
+    seen = detections([[1, 1]] * 3, touches=np.array([True, False, True]))
+    here = tracklets_of(seen, 0, 3, slot=jnp.arange(3))
+    ages = 7, 21, 41
+    kept = [
+        KeptLooks.in_view(
+            objects_of([X, Y, X]), dataclasses.replace(here, age=jnp.full(3, age)), SURE, SURE, seen
+        ).keeps[0]
+        for age in ages
+    ]
+    assert [bool(one) for one in kept] == [True, False, True]
