@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Space = Mapping[str, Sequence[Value]]  # as in `settings.draw`
 SamplerName = Literal["tpe", "nsga2"]
 
-_MAX_TRIES = 20  # to fill up a batch with settings that are allowed
+_MAX_REFUSED = 300  # settings that are not allowed, while a batch is filled up
 GIVEN: Setting = {}  # the configuration as it stands; the first row of every search
 
 
@@ -127,12 +127,13 @@ def _propose(study: optuna.Study, space: Space, bench: SceneBench, number: int) 
     """At most so many trials with settings that are allowed; others count as bad to the study."""
     from optuna.trial import TrialState
 
-    proposed, fault = [], ""
-    for _ in range(_MAX_TRIES):
+    proposed, num_refused, fault = [], 0, ""
+    while len(proposed) < number and num_refused < _MAX_REFUSED:
         for trial in [study.ask() for _ in range(number - len(proposed))]:
             setting = {name: _suggest(trial, name, values) for name, values in space.items()}
             fault = bench.find_fault(setting)
             if fault:
+                num_refused += 1
                 study.tell(trial, state=TrialState.PRUNED)
             else:
                 proposed.append((trial, setting))

@@ -150,13 +150,9 @@ def test_an_object_keeps_every_other_look_and_its_first():
 
 
 def test_what_the_border_cuts_off_is_kept_of_new_things_and_of_those_seen_for_long():
-    seen = detections([[1, 1]] * 3, touches=np.array([True, False, True]))
-    here = tracklets_of(seen, 0, 3, slot=jnp.arange(3))
-    ages = 7, 21, 41
-    kept = [
-        KeptLooks.in_view(
-            objects_of([X, Y, X]), dataclasses.replace(here, age=jnp.full(3, age)), SURE, SURE, seen
-        ).keeps[0]
-        for age in ages
-    ]
-    assert [bool(one) for one in kept] == [True, False, True]
+    seen = detections([[1, 1]] * 2, touches=np.array([True, False]))
+    here = tracklets_of(seen, 0, 2, slot=jnp.arange(2))
+    for age, is_kept in ((7, True), (9, False), (39, False), (41, True)):
+        aged = dataclasses.replace(here, age=jnp.full(2, age))
+        looks = KeptLooks.in_view(objects_of([X, Y]), aged, seen.valid, seen.valid, seen)
+        assert looks.keeps.tolist() == [is_kept, True]

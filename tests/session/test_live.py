@@ -32,9 +32,9 @@ def assert_same_answers(ours: Iterable[Tracks], theirs: Iterable[Tracks]) -> Non
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
 
 
-def frame_of_features(dim: int = 7) -> Frame:
+def frame_of_features() -> Frame:
     """One object, and features that are no backbone's."""
-    features = np.random.default_rng(0).normal(size=(6, 8, dim)).astype(np.float32)
+    features = np.random.default_rng(0).normal(size=(6, 8, 7)).astype(np.float32)
     masks = np.zeros((1, 96, 128), bool)
     masks[0, 32:64, 32:64] = True
     return Frame(0, 0, 0.0, "0", None, Detections.create(masks), features)
@@ -99,7 +99,7 @@ def test_nothing_of_the_stream_before_is_left_after_load_and_reset(tmp_path):
     tracker.checkpoint(kept)  # not what changed since the memory that is gone
     assert len(read_parts(kept)) == 1
     tracker.reset()
-    tracker.update(frame_of_features(dim=load_memory(path).static.feature_dim))
+    tracker.update(frame_of_features())
     tracker.reset()
     tracker.update(*frames(1)[0])
     tracker.save(path)

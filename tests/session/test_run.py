@@ -53,7 +53,7 @@ def test_features_that_are_not_finite_are_left_out_and_reported():
         Frame(i, i, 0.1 * i, str(i), None, detections_from(found, found.shape), features[i])
         for i, found in enumerate(maps)
     ]
-    result = rj.run(frames, tracker="bank")
+    result = rj.run(frames)
     assert len(result) == 3
     (event,) = result.events
     assert (event.frame_index, event.kind) == (1, "features")
