@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import numbers
 import sys
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 
 import msgspec
@@ -174,6 +175,24 @@ def announce(
             ids[object_id], next_id = next_id, next_id + 1
     waiting = {i: n for i, n in counts.items() if i not in ids and so_far.waits(i)}
     return Announcements(so_far.known_below, ids, waiting, merged, next_id)
+
+
+def announce_late(so_far: Announcements, run: Iterable[Tracks], after: int) -> Announcements:
+    """What is announced besides once all frames are told.
+
+    An object of which later frames tell that it was seen before counts as often as it was seen.
+
+    Args:
+      run: By ids of the memory, with what later frames changed.
+    """
+    ids, counts = dict(so_far.ids), Counter[int]()
+    for tracks in () if so_far.is_identity else run:
+        counts.update({int(i) for i in tracks.object_id if so_far.waits(int(i))})
+    often = [one for one, count in counts.items() if count >= after]
+    ids |= {one: so_far.next_id + place for place, one in enumerate(often)}
+    waiting = {one: count for one, count in so_far.counts.items() if one not in ids}
+    next_id = so_far.next_id + len(often)
+    return dataclasses.replace(so_far, ids=ids, counts=waiting, next_id=next_id)
 
 
 def as_announced(announced: Announcements, tracks: Tracks) -> Tracks:

@@ -174,11 +174,11 @@ class FrameLoop:
 
     def conclude(self, info: RunInfo, complete: bool) -> Result:
         """What was found so far, by what is announced now."""
+        tracks = self.tracker.identities.conclude(self._decided)
         announced = self.tracker.identities.announcements
         archive = self._archive
         if archive is not None and not announced.is_identity:
             archive = archive.renumbered(announced.number)
-        tracks = self.tracker.identities.conclude(self._decided)
         self._note_end(tracks)
         return Result(
             tracks=tracks,

@@ -14,7 +14,12 @@ from jaxtyping import UInt8
 from remind_jax.decision import NO_ID
 from remind_jax.outputs.run_records import Event
 from remind_jax.printing.words import plural
-from remind_jax.session.announcement import Announcements, announce, as_announced
+from remind_jax.session.announcement import (
+    Announcements,
+    announce,
+    announce_late,
+    as_announced,
+)
 from remind_jax.session.memory_file import SavedMemory
 from remind_jax.session.object_records import ObjectRecords
 from remind_jax.tracks import Tracks
@@ -134,11 +139,12 @@ class Identities:
         """The answers about a frame that was decided, by what is announced, named and merged."""
         return self.records.answer(as_announced(self.announcements, decided))
 
-    def conclude(self, run: Iterable[Tracks]) -> tuple[Tracks, ...]:
+    def conclude(self, run: Collection[Tracks] | KeptTracks) -> tuple[Tracks, ...]:
         """The final answers about all frames that were decided, which the records then agree with.
 
         Frames are given by ids of the memory, with what later ones changed.
         """
+        self.announcements = announce_late(self.announcements, run, self.announce_after)
         announced = [as_announced(self.announcements, decided) for decided in run]
         self.records.recount(announced)
         return tuple(self.records.answer(tracks) for tracks in announced)
