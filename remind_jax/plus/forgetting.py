@@ -59,13 +59,14 @@ def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids
     held |= np.asarray(state.tracklets.is_open) & np.isin(np.asarray(state.tracklets.id), ids)
     clear_held = partial(_clear, rows=np.flatnonzero(held))
     recent = ("recent_looks", "looks_fade", "recent_steps", "steps_fade")
+    summed = jax.jit(sum_up)  # operation by operation, each would be compiled
     return dataclasses.replace(
         clear_objects(state, empty, np.flatnonzero(gone)),
         tracklets=jax.tree.map(clear_held, state.tracklets, empty.tracklets),
         scene=dataclasses.replace(
             scene,
-            total=sum_up(scene.total, scene.recent_looks, scene.looks_fade),
-            within=sum_up(scene.within, scene.recent_steps, scene.steps_fade),
+            total=summed(scene.total, scene.recent_looks, scene.looks_fade),
+            within=summed(scene.within, scene.recent_steps, scene.steps_fade),
             **{name: getattr(empty.scene, name) for name in recent},
         ),
     )

@@ -13,9 +13,10 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy import sparse
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
@@ -136,11 +137,11 @@ def _find_candidates(here: Side, there: Side, scene: Scene, t: th.Names) -> _Can
     classes, class_of = np.unique(here.values("class_id"), return_inverse=True)
     classes_there = there.values("class_id")
     asked_classes = np.unique(classes_there)
-    kinds = jnp.asarray(asked_classes), jnp.asarray(classes)
-    names = np.asarray(name_odds(*kinds, confusion_odds(scene, t)))
+    names = np.asarray(_name_odds(asked_classes, classes, scene, t))
+    least = np.asarray(least_seen(t))
     for one_class, name in zip(asked_classes, names, strict=True):
         # Others are asked only where the detector was seen to change between both names.
-        rows = np.flatnonzero((name > least_seen(t))[class_of])
+        rows = np.flatnonzero((name > least)[class_of])
         if not len(rows):
             continue
         name_of_row = name[class_of[rows]]
@@ -174,9 +175,7 @@ def _own_evidence(
     here: Side, there: Side, candidates: _Candidates, scene: Scene, t: th.PlusThresholds
 ) -> Float[np.ndarray, "M C"]:
     """Log odds of looks, background and name of each candidate, less its rivals; else -inf."""
-    class_id = jnp.asarray(there.values("class_id"))
-    cosine = adjust_cosine(scene, jnp.asarray(candidates.cosine))
-    looks = np.asarray(look_odds_of(cosine, class_id, scene, t))
+    looks = np.asarray(_look_odds(candidates.cosine, there.values("class_id"), scene, t))
     looks = np.clip(looks, t.looks.worst, t.looks.best)
     rings = [_rings(side, np.asarray(scene.ring_mean)) for side in (here, there)]
     cosine = np.einsum("mcd,md->mc", rings[0][candidates.row], rings[1])
@@ -238,14 +237,40 @@ def _compare_layout(
     related = (here["spread"] < NO_RELATION) & (there["spread"] < NO_RELATION)
     off = here["relation"] - there["relation"]
     spread = np.hypot(here["spread"], there["spread"])
-    inside = np.zeros(len(off), bool)
-    relation = jnp.asarray(there["relation"])
-    error = relation_error(relation, jnp.asarray(spread), jnp.asarray(inside), t.layout)
-    squared = jnp.asarray(np.sum(off**2, axis=1) * scale**2)
-    variance = (error * scale) ** 2
-    odds = mix(squared, variance, RELATION_LOST, RELATION_DOUBT, 0.0, th.FRAME_AREA)
-    odds = np.clip(np.asarray(odds), -PAIR_BEST, PAIR_BEST)
+    squared = np.sum(off**2, axis=1) * scale**2
+    odds = np.asarray(_layout_odds(squared, there["relation"], spread, scale, t))
+    odds = np.clip(odds, -PAIR_BEST, PAIR_BEST)
     return np.where(related, odds, 0.0), related
+
+
+@jax.jit
+def _name_odds(
+    there: Int[Array, "K"], here: Int[Array, "L"], scene: Scene, t: th.Names
+) -> Float[Array, "K L"]:
+    """That one thing has the names of both classes."""
+    return name_odds(there, here, confusion_odds(scene, t))
+
+
+@jax.jit
+def _look_odds(
+    cosine: Float[Array, "M C"], class_id: Int[Array, "M"], scene: Scene, t: th.PlusThresholds
+) -> Float[Array, "M C"]:
+    """What cosines of whitened looks tell of objects of these classes."""
+    return look_odds_of(adjust_cosine(scene, cosine), class_id, scene, t)
+
+
+@jax.jit
+def _layout_odds(
+    squared: Float[Array, "S"],
+    relation: Float[Array, "S 2"],
+    spread: Float[Array, "S"],
+    scale: Float[Array, "S"],
+    t: th.PlusThresholds,
+) -> Float[Array, "S"]:
+    """That two lie from each other as before, by the squared distance in which they do not."""
+    error = relation_error(relation, spread, jnp.zeros(len(spread), bool), t.layout)
+    variance = (error * scale) ** 2
+    return mix(squared, variance, RELATION_LOST, RELATION_DOUBT, 0.0, th.FRAME_AREA)
 
 
 def _weigh_company(

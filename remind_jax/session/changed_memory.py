@@ -83,7 +83,7 @@ def join_memories(
     }
     changed = dataclasses.replace(
         memory,
-        state=jax.tree.map(jax.numpy.asarray, state),
+        state=jax.device_put(state),
         class_names=class_names,
         announced=announced,
         fingerprint=memory.fingerprint or other.fingerprint,
@@ -115,4 +115,4 @@ def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
     if memory.at_rest is not None:
         memory.at_rest.forget(ids)
     records.drop(object_id)
-    return dataclasses.replace(memory, state=jax.tree.map(jax.numpy.asarray, forgotten))
+    return dataclasses.replace(memory, state=jax.device_put(forgotten))

@@ -6,13 +6,14 @@ The memory decides about objects under ids of its own; answers speak of what was
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID
 from remind_jax.outputs.run_records import Event
+from remind_jax.outputs.writer import KeptTracks
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import (
     Announcements,
@@ -139,7 +140,7 @@ class Identities:
         """The answers about a frame that was decided, by what is announced, named and merged."""
         return self.records.answer(as_announced(self.announcements, decided))
 
-    def conclude(self, run: Collection[Tracks] | KeptTracks) -> tuple[Tracks, ...]:
+    def conclude(self, run: Sequence[Tracks] | KeptTracks) -> tuple[Tracks, ...]:
         """The final answers about all frames that were decided, which the records then agree with.
 
         Frames are given by ids of the memory, with what later ones changed.

@@ -206,7 +206,7 @@ def load_memory(path: str | Path) -> SavedMemory:
     except SourceError as error:
         raise OutputError(f"'{path}' is damaged: {error}; {RESTORE}") from error
     at_rest = _read_at_rest(parts, state, method, len(names), path)
-    state = jax.tree.map(jax.numpy.asarray, state)
+    state = jax.device_put(state)
     return SavedMemory(
         state,
         static,

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 import remind_jax as rj
+from remind_jax.decision import NO_ID, Outcome
 from remind_jax.session import identities
 from remind_jax.session.announcement import Announcements
 from remind_jax.session.identities import Identities
@@ -58,6 +59,21 @@ def test_records_agree_with_the_final_answers():
     assert [tracks.object_id.tolist() for tracks in run] == [[0]] * 4
     (known,) = told.records.objects()
     assert (known.num_frames, known.first, known.last) == (4, Sight(1, 0), Sight(1, 3))
+
+
+def test_what_was_taken_for_another_object_counts_in_the_end():
+    """Objects 4 and 6 were seen three times and twice before they were found not to be object 0."""
+    told = Identities(3, 0)
+    seen = [frame_of(index, 0) for index in range(3)]
+    for decided in [*seen, frame_of(3, 4), frame_of(4, 6)]:
+        told.add(decided, [], None, never)
+    assert told.announcements.waits(4)
+    final = [*seen, *(frame_of(index, 4, 6) for index in (3, 4)), frame_of(5, 4)]
+    run = told.conclude(final)
+    assert [tracks.object_id.tolist() for tracks in run[2:]] == [[0], [1, NO_ID], [1, NO_ID], [1]]
+    assert run[4].outcome[1] == Outcome.PROVISIONAL_NEW
+    assert told.announcements.next_id == 2
+    assert told.announcements.counts == {6: 1}
 
 
 def test_what_earlier_sessions_counted_stays(tmp_path):
