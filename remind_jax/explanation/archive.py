@@ -23,7 +23,7 @@ from remind_jax.files.tensors import checksum_of, read_npz
 from remind_jax.method import named_leaves
 
 TRACE_NAME = "trace.npz"
-VERSION = 7  # of the file
+VERSION = 8  # of the file
 _CHECKSUM = "sha256"
 
 Record = TypeVar("Record", bound=Sized)

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import cast
 
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.explanation.archive import first_rows
@@ -47,6 +47,7 @@ class PlusExplanation(Explanation):
     FORMAT = "remind-jax explanation of plus"
 
     id_without_delay: int | None  # the answer that was not revised by later frames
+    confidence_without_delay: float | None
     stage: Stage  # how far the tracklet was decided before
     tracklet_id: int | None  # names the tracklet, and its object if that is new
     age: int  # detections of the tracklet, with this one
@@ -92,6 +93,7 @@ class PlusRecord:
 
     verdicts: Verdicts
     object_id: Int[Array, "N"]  # without delay; -1 without a firm identity
+    confidence: Float[Array, "N"]  # without delay
 
     def __len__(self) -> int:
         return len(self.object_id)
@@ -105,7 +107,7 @@ class PlusExplainer(Explainer[PlusRecord]):
     @staticmethod
     def record(num: int, decisions: Decisions, trace: Verdicts) -> PlusRecord:
         """What is kept of a frame."""
-        return first_rows(PlusRecord(trace, decisions.object_id), num)
+        return first_rows(PlusRecord(trace, decisions.object_id, decisions.confidence), num)
 
     def _explain(self, record: PlusRecord, tracks: Tracks, row: int) -> PlusExplanation:
         v, label = record.verdicts, tracks.labels[row]
@@ -113,6 +115,7 @@ class PlusExplainer(Explainer[PlusRecord]):
         candidates = _candidates(v, row, label, tracks.names)
         answer_id = id_or_none(v.answer_id[row])
         known = sum(candidate.probability for candidate in candidates)
+        confidence = tracks.shown_confidence(row)
         explanation = read_row(
             PlusExplanation,
             row,
@@ -126,8 +129,9 @@ class PlusExplainer(Explainer[PlusRecord]):
             name=tracks.display_name(row),
             object_id=id_or_none(tracks.object_id[row]),
             decided_at=self._decided_at.get(int(v.tracklet_id[row])),
-            confidence=tracks.shown_confidence(row),
+            confidence=confidence,
             id_without_delay=id_or_none(record.object_id[row]),
+            confidence_without_delay=None if confidence is None else float(record.confidence[row]),
             tracklet_id=id_or_none(v.tracklet_id[row]),
             answer_id=answer_id,
             answer_name=None if answer_id is None else title_of(label, answer_id, tracks.names),
@@ -276,8 +280,8 @@ def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
     # There are two numbers for one answer: what the evidence says, and how often answers of which
     # it says so are right.
     sure = f"probability {number(e.probability)}"
-    if e.confidence is not None:
-        sure = f"confidence {number(e.confidence)}, calibrated from {sure}"
+    if e.confidence_without_delay is not None:
+        sure = f"confidence {number(e.confidence_without_delay)}, calibrated from {sure}"
     if e.is_decided and e.age >= d.commit_age:
         return f"after {e.age} detections it is decided: {_answer(e)}; {sure}"
     if e.is_decided:
@@ -302,15 +306,21 @@ def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
 
 def _explain_revision(e: PlusExplanation) -> Iterator[str]:
     """When it was decided, if not yet, and what a delay changed."""
+    now, then = (
+        None if sure is None else number(sure)
+        for sure in (e.confidence, e.confidence_without_delay)
+    )
     if e.decided_at is not None and e.decided_at > e.frame:
         yield f"its tracklet was decided in frame {e.decided_at}"
     if e.object_id in (None, e.id_without_delay):
+        if now != then:
+            yield f"by what later frames tell, the confidence is {now}"
         return
     if e.id_without_delay is not None and e.is_decided:  # no later frame changes what is decided
         yield f"{e.answer_name} was merged into {e.name}"
         return
     before = "no firm answer" if e.id_without_delay is None else e.answer_name
-    yield f"later frames changed the answer: {e.name} instead of {before}"
+    yield f"later frames changed the answer: {e.name}, with confidence {now}, instead of {before}"
 
 
 def _explain_merge(e: PlusExplanation, tracks: Tracks) -> Iterator[str]:

@@ -6,6 +6,8 @@ All text of the run reaches the page as JSON and is set as text, never as HTML.
 from __future__ import annotations
 
 import base64
+import bisect
+import dataclasses
 import gzip
 import html
 import json
@@ -24,7 +26,7 @@ from remind_jax.explanation.explanation import to_jsonable
 from remind_jax.outputs.drawing import encode_jpeg, identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.overlay import OVERLAY_NAME, is_playable, shown_fps
-from remind_jax.outputs.presence import Span, join_positions
+from remind_jax.outputs.presence import ObjectHistory, Span, join_positions
 from remind_jax.outputs.result import COMPARISON_HEADS, Result
 from remind_jax.tracks import Tracks
 
@@ -115,8 +117,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
                 "num_frames": row.num_frames,
                 "sightings": [
                     _sighting_data(sighting)
-                    for sighting in sightings
-                    if sighting.object_id == row.object_id
+                    for sighting in _by_visit(sightings, row, result.tracks, position_of)
                 ],
             }
             for row in sorted(result.objects(), key=lambda row: row.first_frame)
@@ -143,6 +144,29 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
             "Versions and device": info.versions | {"device": info.device},
         },
     }
+
+
+def _by_visit(
+    sightings: Sequence[Sighting],
+    identity: ObjectHistory,
+    run: Sequence[Tracks],
+    position_of: Mapping[int, int],
+) -> list[Sighting]:
+    """Those of an identity, each in the visit that it shows by the final answers.
+
+    They were collected as answers came; later ones may have changed where visits begin and end.
+    """
+    starts = [position_of[frame] for frame in (identity.first_frame, *identity.returns)]
+    absent = [0, *(position_of[last] - position_of[first] + 1 for first, last in identity.absences)]
+    placed: dict[int, Sighting] = {}
+    for one in sightings:
+        visit = bisect.bisect(starts, one.picture_position) - 1
+        is_there = identity.object_id in run[one.picture_position].object_id
+        if one.object_id == identity.object_id and is_there and visit not in placed:
+            placed[visit] = dataclasses.replace(
+                one, position=starts[visit], absent_frames=absent[visit]
+            )
+    return [placed[visit] for visit in sorted(placed)]
 
 
 def pack_explanations(result: Result) -> dict[str, Any] | None:

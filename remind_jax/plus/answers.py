@@ -133,7 +133,7 @@ def report(
     is_small = is_own & (sightings.size < SMALL)
     firm = jnp.where(is_small, t.firm_small, t.firm)
     doubtful = (undecided & (confidence < firm)) | passed_on
-    is_parent = undecided & (num_close <= 1) & ~is_own
+    is_parent = undecided & (num_close == 1) & ~could_be[:, -1]
     undecided_outcome = jnp.where(
         is_parent, int(Outcome.PROVISIONAL_PARENT), int(Outcome.AMBIGUOUS)
     )
@@ -146,9 +146,10 @@ def report(
         reason = jnp.where(outcome == int(what), int(why), reason)
     status = jnp.where(is_firm, int(Status.STRONG), int(Status.AMBIGUOUS))
     status = jnp.where(seen, status, int(Status.NONE)).astype(jnp.int32)
-    # The answer first, the rest by falling probability.
+    # The answer first, the rest by falling probability; what it can hardly be is not told.
     is_answer = option_id == verdicts.answer_id[:, None]
-    _, first = jax.lax.top_k(option_score + 2.0 * is_answer, NUM_OPTIONS)
+    rank = jnp.where(could_be, option_score + 2.0 * is_answer, -1.0)
+    _, first = jax.lax.top_k(rank, NUM_OPTIONS)
     shown = doubtful[:, None] & look_up_in_rows(could_be, first)
     firm_id = jnp.where(is_firm, verdicts.answer_id, NO_ID)
     ordered, ranked = jax.lax.top_k(belief, belief.shape[1])

@@ -213,9 +213,9 @@ def as_announced(announced: Announcements, tracks: Tracks) -> Tracks:
             options = tracks.candidate_id[row][tracks.candidate_id[row] != NO_ID]
             num_named = np.sum(candidate_id[row] != NO_ID)
             if len(options) and announced.id_of(int(options[0])) == NO_ID:
-                outcome[row] = Outcome.PROVISIONAL_NEW
+                outcome[row], reason[row] = Outcome.PROVISIONAL_NEW, Reason.UNCERTAIN_NEW
             elif num_named == 1 < len(options):
-                outcome[row] = Outcome.PROVISIONAL_PARENT
+                outcome[row], reason[row] = Outcome.PROVISIONAL_PARENT, Reason.UNCERTAIN_PARENT
         elif decided == Outcome.NEW and _was_known(announced, int(tracks.object_id[row])):
             outcome[row], reason[row] = Outcome.MATCH, Reason.ASSIGNED
     outcome[waits], reason[waits] = Outcome.PROVISIONAL_NEW, Reason.SEEN_TOO_FEW_TIMES

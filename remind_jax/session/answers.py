@@ -130,8 +130,9 @@ def as_merged(tracks: Tracks, merged_into: Mapping[int, int]) -> Tracks:
     object_id = np.array([merged_into.get(int(one), int(one)) for one in given], given.dtype)
     outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
     candidate_id, candidate_score = rename_candidates(tracks, lambda one: merged_into.get(one, one))
-    is_one = np.sum(candidate_id != NO_ID, axis=1) == 1
-    outcome[is_one & (outcome == Outcome.AMBIGUOUS)] = Outcome.PROVISIONAL_PARENT
+    is_one = (np.sum(candidate_id != NO_ID, axis=1) == 1) & (outcome == Outcome.AMBIGUOUS)
+    is_one &= np.sum(tracks.candidate_id != NO_ID, axis=1) > 1
+    outcome[is_one], reason[is_one] = Outcome.PROVISIONAL_PARENT, Reason.UNCERTAIN_PARENT
     for shared in {int(one) for one in object_id if one != NO_ID}:
         rows = np.flatnonzero(object_id == shared)
         best = rows[np.argmax(tracks.score[rows])]

@@ -239,11 +239,11 @@ class GrowingMemory:
                 return
         self.grow(num_objects=num_objects, num_pending=num_pending)
 
-    def reserve(self, num_detections: int) -> None:
-        """Makes room for so many detections, and keeps it."""
-        self.grow(num_detections=num_detections)
+    def reserve(self, num_detections: int = 0) -> None:
+        """Makes room for so many detections, or for those of before, and keeps it."""
         self._most_expected = max(self._most_expected, num_detections)
-        self._reserved = self._grown(self._reserved.grow(num_detections=num_detections))
+        self.grow(num_detections=self._most_expected)
+        self._reserved = self._grown(self._reserved.grow(num_detections=self._most_expected))
 
     def grow(self, **needed: int) -> None:
         """Moves the memory into larger capacities; their program is often ready by then."""

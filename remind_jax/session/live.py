@@ -114,7 +114,8 @@ class Tracker(Printable):
         )
         # Of one thread: what Ctrl-C kept from being released, it may take again.
         self._locks = {part: threading.RLock() for part in ("prepare", "advance")}
-        self._memory_file: memory_file.MemoryFile | None = None  # the last one of `checkpoint`
+        # Those that were read or written, by path: others may change them meanwhile.
+        self._memory_files: dict[Path, memory_file.MemoryFile] = {}
         self._features_given = False
         self._has_profile = False
         self.identities = Identities(self.announce_after, static.first_object_id)
@@ -225,7 +226,7 @@ class Tracker(Printable):
         """Forgets everything; compiled programs stay."""
         with self._alone("prepare"), self._alone("advance"):
             self._memory.forget()
-            self._memory_file = None
+            self._memory_files, self.events = {}, []
             self.preparer, self._features_given = self._new_preparer(), False
             self.identities = Identities(self.announce_after, self.static.first_object_id)
 
@@ -387,8 +388,7 @@ class Tracker(Printable):
         path = as_path(path, "the memory file", OutputError).resolve()
         with self._alone("advance"):
             memory_file.save_memory(path, self._saved(), durably=durably)
-            if self._memory_file is not None and self._memory_file.path == path:
-                self._memory_file = None
+            self._memory_files[path] = memory_file.MemoryFile(path, is_read=True)
 
     def checkpoint(self, path: str | Path) -> None:
         """As `save`, and returns only when it is on the disk: for loops that may be cut off.
@@ -406,9 +406,10 @@ class Tracker(Printable):
         """
         path = as_path(path, "the memory file", OutputError).resolve()
         with self._alone("advance"):
-            if self._memory_file is None or self._memory_file.path != path:
-                self._memory_file = memory_file.MemoryFile(path)
-            self._memory_file.update(self._saved())
+            for other in self._memory_files.keys() - {path}:
+                self._memory_files[other].let_go()
+            file = self._memory_files.setdefault(path, memory_file.MemoryFile(path))
+            file.update(self._saved())
 
     def load(self, path: str | Path) -> None:
         """Goes on from a memory file; what is in memory now is forgotten.
@@ -432,10 +433,11 @@ class Tracker(Printable):
             check_backbone(memory, self.features.described_by, fingerprint, path)
         with self._alone("prepare"), self._alone("advance"):
             static = static_of(memory, self.config, path)
-            self._memory.static, self._memory_file = static, read
+            self._memory.static, self._memory_files = static, {read.path: read}
             self._features_given = memory.backbone == FEATURES_GIVEN
             self.preparer = self._new_preparer()
             self._restore(memory)
+            self._memory.reserve()
 
     def join(self, path: str | Path) -> JoinedObjects:
         """Adds the objects of another memory; those that are known here are merged (`split`).
@@ -450,6 +452,7 @@ class Tracker(Printable):
           SourceError: If there is nothing to join it with yet.
         """
         with self._alone("prepare"), self._alone("advance"):
+            self._records()
             joined, told = join_memories(
                 self._saved(), memory_file.load_memory(path), path, self.config.thresholds
             )

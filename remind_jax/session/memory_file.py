@@ -89,6 +89,10 @@ class MemoryFile:
         # Nobody else wrote it while this is the same; None where that does not matter.
         self._found_as = _identity(path) if is_read else None
 
+    def let_go(self) -> None:
+        """Keeps no memory to compare the next one with: all of that will be written."""
+        self._written = None
+
     def update(self, memory: SavedMemory) -> None:
         """Returns when the memory is on the disk.
 

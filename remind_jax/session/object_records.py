@@ -139,8 +139,8 @@ class ObjectRecords:
     def recount(self, run: Iterable[Tracks]) -> None:
         """Counts the frames of this session anew: later ones changed what was answered.
 
-        New objects that nothing is of any more are none. `run` are all frames of the session, as
-        announced in the end.
+        New objects that nothing is of any more are none, and what is answered only in the end is
+        one. `run` are all frames of the session, as announced in the end.
         """
         seen: dict[int, list[int]] = {}
         labels: dict[int, str] = {}
@@ -149,6 +149,10 @@ class ObjectRecords:
                 object_id = int(tracks.object_id[row])
                 seen.setdefault(object_id, []).append(tracks.frame_index)
                 labels.setdefault(object_id, tracks.labels[row])
+        for object_id in sorted(seen.keys() - self._records.keys()):
+            first = Sight(self.session, seen[object_id][0])
+            record = ObjectRecord(labels[object_id], 0, first, first, Pictures())
+            self._records[object_id] = record
         declared = {*self.given, *self.merges, *self.merges.values()}
         for object_id, record in [*self._records.items()]:
             if object_id not in seen:

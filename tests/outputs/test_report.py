@@ -95,6 +95,20 @@ def test_crops_can_be_read_back(tmp_path):
         assert np.abs(mine.image.astype(int) - sighting.image).mean() < 12
 
 
+def test_crops_are_shown_in_the_visits_of_the_final_answers(tmp_path):
+    """They were collected as answers came; one shows what is another object in the end."""
+    frames, result = make_run(40)
+    sightings = collect(frames, result)
+    early = [dataclasses.replace(one, position=39, absent_frames=0) for one in sightings]
+    back = next(one for one in sightings if one.absent_frames)
+    wrong = dataclasses.replace(back, picture_position=back.position - 1)
+    report.write_report(tmp_path, result, [wrong, *early])
+    shown = {(s.object_id, s.position, s.absent_frames) for s in sightings}
+    read = report.read_sightings(tmp_path / "report.html")
+    assert {(s.object_id, s.position, s.absent_frames) for s in read} == shown
+    assert len(read) == len(sightings)
+
+
 @pytest.mark.parametrize(
     "content",
     [None, "", "<html></html>", '<script type="application/json" id="run-data">{</script>'],

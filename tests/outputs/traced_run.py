@@ -100,7 +100,7 @@ def make_plus_run(num_frames: int = 8, back_at: int = 99) -> Result:
             row |= {"outcome": Outcome.AMBIGUOUS, "object_id": -1}
         row |= {"score": 0.75, "confidence": 0.75}  # plus has one number
         tracks.append(make_tracks(index, masks, [row]))
-        record = PlusRecord(Verdicts(**shown), tracks[-1].object_id)
+        record = PlusRecord(Verdicts(**shown), tracks[-1].object_id, tracks[-1].confidence)
         archive.add(index, record, {0: "mug", 1: "mug"})
     info = dataclasses.replace(make_info("mugs", SIZE), config=load_config("plus").to_dict())
     return Result(tuple(tracks), info, trace=archive)

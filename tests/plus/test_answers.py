@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.answers import report
 from remind_jax.plus.verdicts import no_verdicts
@@ -66,6 +66,15 @@ def test_doubt_names_the_objects_and_the_new_id_that_it_could_be():
     assert told.pending_id[0] == OWN
     assert told.option_id[0].tolist() == [KNOWN, OWN, OTHER]  # the answer first
     np.testing.assert_allclose(told.option_score[0], [0.25, 0.55, 0.2], rtol=1e-5)
+
+
+def test_what_it_can_hardly_be_is_not_named():
+    """The answer neither, where another detection has the object that it looks like."""
+    told = report_one([0.97, 0.02], answer=OWN)
+    assert told.outcome[0] == Outcome.PROVISIONAL_PARENT
+    assert told.reason[0] == Reason.UNCERTAIN_PARENT
+    assert told.option_id[0].tolist() == [KNOWN, NO_ID, NO_ID]
+    assert told.option_score[0, 1:].tolist() == [0.0, 0.0]
 
 
 def test_what_passed_to_another_thing_more_likely_than_not_has_no_firm_answer_any_more():

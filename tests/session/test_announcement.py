@@ -110,6 +110,9 @@ def test_candidates_speak_of_announced_objects_only():
         Outcome.PROVISIONAL_NEW,  # most likely one that is not announced
         Outcome.PROVISIONAL_NEW,
     ]
+    assert after.reason[2:].tolist() == [
+        Reason.UNCERTAIN_PARENT, Reason.UNCERTAIN_NEW, Reason.UNCERTAIN_NEW
+    ]  # fmt: skip
     assert after.pending_id.tolist() == [-1, 2, 2, 2, 2]
     waiting = as_announced(Announcements.all_below(0), frame_of(near))
     assert waiting.candidate_id.tolist() == [[-1, -1, -1]]

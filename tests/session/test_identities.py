@@ -74,6 +74,13 @@ def test_what_was_taken_for_another_object_counts_in_the_end():
     assert run[4].outcome[1] == Outcome.PROVISIONAL_NEW
     assert told.announcements.next_id == 2
     assert told.announcements.counts == {6: 1}
+    _, late = told.records.objects()
+    assert (late.object_id, late.num_frames, late.first, late.last) == (
+        1,
+        3,
+        Sight(1, 3),
+        Sight(1, 5),
+    )
 
 
 def test_what_earlier_sessions_counted_stays(tmp_path):

@@ -160,6 +160,49 @@ def test_what_another_program_wrote_is_not_overwritten(tmp_path):
     assert other.objects()[0].name == "precious"
 
 
+def test_what_another_program_wrote_is_kept_beside_other_files(tmp_path):
+    tracker, other = Tracker(CONFIG), Tracker(CONFIG)
+    kept, second = tmp_path / "kept.safetensors", tmp_path / "second.safetensors"
+    tracker.update(*frames(1)[0])
+    tracker.checkpoint(kept)
+    tracker.load(kept)
+    tracker.checkpoint(second)
+    tracker.save(kept)
+    other.load(kept)
+    other.rename(0, "precious")
+    other.save(kept)
+    with pytest.raises(OutputError, match="changed by another program"):
+        tracker.checkpoint(kept)
+    tracker.update(*frames(2)[1])
+    for _ in range(2):
+        tracker.checkpoint(second)
+    other.load(second)
+    assert other.objects() == tracker.objects()
+
+
+def test_room_that_was_asked_for_stays_when_a_memory_is_loaded(tmp_path):
+    tracker, small = Tracker(CONFIG), Tracker(CONFIG)
+    small.update(*frames(1)[0])
+    small.save(tmp_path / "small")
+    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_detections=5)
+    tracker.load(tmp_path / "small")
+    assert (tracker.static.num_detections, small.static.num_detections) == (8, 4)
+    assert_same_answers(*(scenes.follow(one, (1, 2)) for one in (tracker, small)))
+
+
+def test_a_name_is_free_once_its_object_is_forgotten(tmp_path):
+    first, second = Tracker({"input": {"max_objects": 3}}), Tracker()
+    scenes.follow(first, range(6), (1, 2, 3))
+    first.rename(0, "mine")
+    scenes.follow(first, range(6, 30), (2, 3, 4))
+    assert first.num_objects == 3
+    scenes.follow(second, range(6), (1, 2, 3))
+    second.rename(0, "mine")
+    second.save(tmp_path / "second")
+    joined = first.join(tmp_path / "second")
+    assert {one.object_id for one in first.objects() if one.name == "mine"} == {joined.ids[0]}
+
+
 @pytest.mark.parametrize("first", [False, True])
 def test_a_memory_with_classes_is_refused_where_none_are_compared(first, tmp_path):
     trackers = [
