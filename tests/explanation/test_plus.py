@@ -191,3 +191,15 @@ def test_what_a_delay_revised_is_explained(result):
         said = f"Later frames changed the answer: square {now}, with confidence "
         assert why[-1].startswith(said)
         assert why[-1].endswith(f" instead of square {was}.")
+
+
+def test_the_confidence_of_a_frame_is_not_that_of_a_later_one(result):
+    """The first answers of a run were less sure than they are once their tracklets are decided."""
+    one = result.explain(result.tracks[0].frame_index, 0)
+    then, now = one.confidence_without_delay, one.confidence
+    assert then < now == result.tracks[0].confidence[0]
+    assert one.why[-1] == f"By what later frames tell, the confidence is {now:.2f}."
+    assert any(f"confidence {then:.2f}, calibrated from" in sentence for sentence in one.why)
+    last = result.explain(result.tracks[-1].frame_index, 0)
+    assert last.confidence_without_delay == last.confidence
+    assert not any("later frames" in sentence for sentence in last.why)

@@ -6,10 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import OutputError, SourceError
 from remind_jax.files.tensors import read_safetensors_header
 from remind_jax.method import list_methods
+from remind_jax.session.answers import as_merged
 from remind_jax.session.filed_records import from_file, to_file
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
@@ -123,6 +124,20 @@ def test_two_objects_of_one_name_are_refused(tracker):
     with pytest.raises(SourceError, match="object 0 is called 'mug' already"):
         tracker.rename(1, "mug")
     tracker.rename(0, "mug")  # itself is no other
+
+
+def test_of_two_options_that_were_merged_one_is_left():
+    """Another detection that had one option only stays what it was."""
+    doubt = {"outcome": Outcome.AMBIGUOUS, "reason": Reason.KNOWN_BUT_AMBIGUOUS, "label": "cup"}
+    options = ([(1, 0.5), (2, 0.4)], [(1, 0.5)], [(1, 0.5), (3, 0.4)])
+    rows = [{**doubt, "candidates": candidates} for candidates in options]
+    tracks = as_merged(fake_run.make_tracks(0, np.ones((3, 4, 4), bool), rows), {2: 1})
+    assert tracks.outcome.tolist() == [
+        Outcome.PROVISIONAL_PARENT, Outcome.AMBIGUOUS, Outcome.AMBIGUOUS
+    ]  # fmt: skip
+    assert tracks.reason.tolist() == [
+        Reason.UNCERTAIN_PARENT, Reason.KNOWN_BUT_AMBIGUOUS, Reason.KNOWN_BUT_AMBIGUOUS
+    ]  # fmt: skip
 
 
 def test_merged_objects_have_one_id_until_they_are_split(tracker, tmp_path):
