@@ -116,8 +116,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
                 "last": position_of[row.last_frame],
                 "num_frames": row.num_frames,
                 "sightings": [
-                    _sighting_data(sighting)
-                    for sighting in _by_visit(sightings, row, result.tracks, position_of)
+                    _sighting_data(sighting) for sighting in _by_visit(sightings, row, position_of)
                 ],
             }
             for row in sorted(result.objects(), key=lambda row: row.first_frame)
@@ -147,10 +146,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
 
 
 def _by_visit(
-    sightings: Sequence[Sighting],
-    identity: ObjectHistory,
-    run: Sequence[Tracks],
-    position_of: Mapping[int, int],
+    sightings: Sequence[Sighting], identity: ObjectHistory, position_of: Mapping[int, int]
 ) -> list[Sighting]:
     """Those of an identity, each in the visit that it shows by the final answers.
 
@@ -158,14 +154,14 @@ def _by_visit(
     """
     starts = [position_of[frame] for frame in (identity.first_frame, *identity.returns)]
     absent = [0, *(position_of[last] - position_of[first] + 1 for first, last in identity.absences)]
+    seen = [range(position_of[first], position_of[last] + 1) for first, last in identity.seen]
     placed: dict[int, Sighting] = {}
     for one in sightings:
-        visit = bisect.bisect(starts, one.picture_position) - 1
-        is_there = identity.object_id in run[one.picture_position].object_id
-        if one.object_id == identity.object_id and is_there and visit not in placed:
-            placed[visit] = dataclasses.replace(
-                one, position=starts[visit], absent_frames=absent[visit]
-            )
+        is_there = any(one.picture_position in span for span in seen)
+        if one.object_id == identity.object_id and is_there:
+            visit = bisect.bisect(starts, one.picture_position) - 1
+            shown = dataclasses.replace(one, position=starts[visit], absent_frames=absent[visit])
+            placed.setdefault(visit, shown)
     return [placed[visit] for visit in sorted(placed)]
 
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID
 from remind_jax.outputs.run_records import Event
-from remind_jax.outputs.writer import KeptTracks
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import (
     Announcements,
@@ -24,6 +24,9 @@ from remind_jax.session.announcement import (
 from remind_jax.session.memory_file import SavedMemory
 from remind_jax.session.object_records import ObjectRecords
 from remind_jax.tracks import Tracks
+
+if TYPE_CHECKING:
+    from remind_jax.outputs.writer import KeptTracks
 
 _FEW_TOLD = 256  # objects whose records are kept, whether memory still has them or not
 

@@ -396,8 +396,8 @@ class Tracker(Printable):
         A crash or a power cut leaves the memory before or this one. The first call writes
         everything, over any file that was not loaded, later ones add to the file what changed
         since: the working set, and other objects that were seen. What another program changed
-        since, or since `load` read the same file last, is not written over. Call it every so many
-        seconds, and `load` the file at the next start.
+        since, or since `load` read or `save` wrote the same file last, is not written over. Call it
+        every so many seconds, and `load` the file at the next start.
 
         Raises:
           OutputError: If the file cannot be written, or another program changed it since the last
