@@ -139,7 +139,10 @@ class FrameStep:
             return method.decide(state, seen, static=static, thresholds=given[1].unpack())
 
         given = (described.outputs, example.thresholds)
-        decide = self._decide_program(decide_seen, state, given, static)
+        # What one's own function gives may differ in what is no array; to learn it takes a trace.
+        is_ours = is_of_this_package(method.describe)
+        seen = identify(method.describe) if is_ours else seen_structure()
+        decide = self._decide_program(decide_seen, state, given, seen, static)
         trace_structure = decide.structure.children()[2] if self._is_traced else None
         return _Programs(described, decide, Layout.of(readout), trace_structure, seen_structure)
 
@@ -148,15 +151,20 @@ class FrameStep:
         run: Callable[[Any, Any], tuple[Any, Any]],
         state: Any,
         given: Any,
+        seen: Any,
         static: Static,
     ) -> Program:
-        """The program of `run(state, given)` and of its readout; may take over a large memory."""
+        """The program of `run(state, given)` and of its readout; may take over a large memory.
+
+        `seen` tells what frames look like here from what they look like elsewhere.
+        """
         memory = jax.eval_shape(Bundle.of, state)
         memory_shapes, memory_structure = shapes_of(memory), jax.tree.structure(memory)
         given_leaves, given_structure = jax.tree.flatten(given)
         num_bytes = sum(math.prod(one.shape) * one.dtype.itemsize for one in memory_shapes)
         # Where own code fails, the memory before stays as well.
         is_ours = all(map(is_of_this_package, (self._method.describe, self._method.decide)))
+        counts = self._method.host.occupied or Method.count_occupied
 
         def on_leaves(*leaves: Any) -> Any:
             before = jax.tree.unflatten(memory_structure, leaves[: len(memory_shapes)]).unpack()
@@ -173,10 +181,15 @@ class FrameStep:
                 "decide",
                 on_leaves,
                 (*memory_shapes, *shapes_of(given_leaves)),
-                (identify(self._method.decide), self._is_traced, static, given_structure),
+                (
+                    *map(identify, (self._method.decide, counts)),
+                    *(self._is_traced, static, given_structure, seen),
+                ),
                 num_donated=len(memory_shapes) if is_ours and num_bytes > _SMALL_BYTES else 0,
                 # The structure of a trace is not kept.
-                is_kept=self._is_kept(self._method.decide, static) and not self._is_traced,
+                is_kept=not self._is_traced
+                and is_of_this_package(counts)
+                and self._is_kept(self._method.decide, static),
             )
         )
 

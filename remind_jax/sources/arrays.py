@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from collections.abc import Callable, Generator, Iterable, Sequence, Sized
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence, Sized
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,9 @@ class ItemReader:
                     "iterable that starts again"
                 )
             self._is_used_up = True
+        if not isinstance(self._items, Sequence | np.ndarray):
+            # Frames are read ahead: one buffer that is filled anew would change those that wait.
+            iterator = map(_copied, iterator)
         for index, item in enumerate(iterator):
             if isinstance(item, Frame):
                 read = functools.partial(Content, item.image, item.detections, item.features)
@@ -99,6 +103,17 @@ class ArrayMasks:
                 f"number {entry.source_index}; give one item per source frame (None for nothing)"
             )
         return self._convert(self._per_frame[entry.source_index], frame_size)
+
+
+def _copied(item: Any) -> Any:
+    """The same in arrays of its own."""
+    if isinstance(item, np.ndarray):
+        return item.copy()
+    if isinstance(item, Frame) and isinstance(item.image, np.ndarray):
+        return dataclasses.replace(item, image=item.image.copy())
+    if isinstance(item, Mapping):
+        return {key: _copied(value) for key, value in item.items()}
+    return type(item)(map(_copied, item)) if type(item) in (tuple, list) else item
 
 
 def _length(items: Iterable[Any]) -> int | None:

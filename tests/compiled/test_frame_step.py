@@ -1,6 +1,7 @@
 """The compiled step: the results of `method.step`, and no more compilations than needed."""
 
 import dataclasses
+import functools
 from unittest import mock
 
 import jax
@@ -136,3 +137,44 @@ def test_a_method_that_is_defined_anew_is_compiled_anew():
 
     first, second = (scenes.follow(shifted(by), [0])[0].object_id for by in (100, 200))
     assert (second - first == 100).all()
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Shifted:
+    seen: object
+    by: int = dataclasses.field(metadata={"static": True})
+
+
+def _describe_shifted(*args, by, **options):
+    return Shifted(get_method("running-mean").describe(*args, **options), by)
+
+
+def _decide_shifted(state, shifted, **options):
+    after, trace = get_method("running-mean").decide(state, shifted.seen, **options)
+    decisions = dataclasses.replace(after.decisions, object_id=after.decisions.object_id + shifted.by)
+    return dataclasses.replace(after, decisions=decisions), trace
+
+
+def test_what_a_frame_looks_like_may_hold_more_than_arrays():
+    def first_ids(by: int) -> np.ndarray:
+        tracker = make("running-mean")
+        describe = functools.partial(_describe_shifted, by=by)
+        method = dataclasses.replace(tracker.method, describe=describe, decide=_decide_shifted)
+        tracker._memory.frame_step = FrameStep(method)
+        return scenes.follow(tracker, [0])[0].object_id
+
+    np.testing.assert_array_equal(first_ids(200), first_ids(100) + 100)
+
+
+def test_how_an_own_method_counts_its_slots_is_no_other_ones():
+    def occupied_of(num: int) -> int:
+        tracker = make("running-mean")
+        host = dataclasses.replace(tracker.method.host, occupied=lambda state: (num, 0))
+        method = dataclasses.replace(tracker.method, host=host)
+        tracker._memory.frame_step = FrameStep(method)
+        with mock.patch.object(tracker._memory, "_look_ahead") as told:
+            scenes.follow(tracker, [0])
+        return int(told.call_args.args[2][0])
+
+    assert [occupied_of(num) for num in (2, 3)] == [2, 3]

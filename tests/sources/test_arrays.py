@@ -53,6 +53,22 @@ def test_gray_and_transparent_images_become_rgb():
     np.testing.assert_array_equal(third, first)
 
 
+def test_a_buffer_that_is_filled_anew_may_be_given_again_and_again():
+    def camera():
+        image, masks = making.picture(0), making.instance_map(ids=(1,))
+        for i in range(3):
+            np.copyto(image, making.picture(i))
+            np.copyto(masks, making.instance_map(ids=(i + 1,)))
+            yield Frame(i, i, i, "", image) if i == 2 else (image, {"masks": masks[None] == i + 1})
+
+    frames = list(open_source(camera(), class_names=["one"]))
+    for i, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.image, making.picture(i))
+    for i, frame in enumerate(frames[:2]):
+        seen = making.instance_map(ids=(i + 1,)) == i + 1
+        np.testing.assert_array_equal(np.asarray(frame.detections.masks)[0], seen)
+
+
 def test_iterator_can_be_read_once():
     source = open_source(iter(pictures(2)), name="camera")
     assert source.num_frames is None
