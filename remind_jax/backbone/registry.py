@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from remind_jax.backbone.vit_variants import VARIANTS
-from remind_jax.errors import ConfigError, SourceError, nearest_names
+from remind_jax.errors import ConfigError, OptionError, SourceError, nearest_names
 from remind_jax.settings.ranges import check_option
 
 if TYPE_CHECKING:
@@ -60,6 +60,10 @@ class Backbone:
     def __post_init__(self) -> None:
         for name in ("patch_px", "dim"):
             check_option(name, getattr(self, name), 1, _MAX_NUMBERS)
+        check_option("num_background", self.num_background, 0, self.dim)
+        for name in ("name", "fingerprint"):
+            if not isinstance(getattr(self, name), str):
+                raise OptionError(f"'{name}' is {getattr(self, name)!r}; give a text", name)
 
     @property
     def identity(self) -> tuple[str, str]:
@@ -88,16 +92,7 @@ class Backbone:
             features = self.apply(images)
         else:
             features = self.apply_to(images, wanted)
-        rows, columns = (side // self.patch_px for side in images.shape[1:3])
-        expected = (len(images), rows, columns, self.dim)
-        found = getattr(features, "shape", None)
-        if found != expected:
-            raise ConfigError(
-                f"backbone '{self.name}' gives "
-                f"{type(features).__name__ if found is None else f'features of shape {found}'} "
-                f"for images of shape {images.shape}; an array of shape {expected} is needed"
-            )
-        return features
+        return self._checked(features, images)
 
     def extract_closeups(
         self,
@@ -120,7 +115,8 @@ class Backbone:
             return self.extract(images, wanted)
         self._check_images(images)
         every = coverage >= 0.0
-        return self.apply_closeups(images, every if wanted is None else wanted, coverage)
+        features = self.apply_closeups(images, every if wanted is None else wanted, coverage)
+        return self._checked(features, images, self.num_background + 1)
 
     def extract_with_attention(
         self,
@@ -149,6 +145,27 @@ class Backbone:
                 "transformer such as 'dinov3-vits16'"
             )
         return self.apply_with_attention
+
+    def _checked(
+        self, features: Any, images: Any, least_dim: int | None = None
+    ) -> Float[jax.Array, "B Hp Wp D"]:
+        """What a function gave, `dim` wide if not at least so wide. Raises ConfigError if not."""
+        import jax.numpy as jnp
+
+        from remind_jax.files.host_array import host_array
+
+        if not isinstance(features, jnp.ndarray):
+            features = host_array(features, f"features of backbone '{self.name}'")
+        rows, columns = (side // self.patch_px for side in images.shape[1:3])
+        expected, found = (len(images), rows, columns, least_dim or self.dim), features.shape
+        is_wide = least_dim is not None and len(found) == 4 and found[3] > least_dim
+        fits = found == expected or (is_wide and found[:3] == expected[:3])
+        if not fits or not jnp.issubdtype(features.dtype, jnp.floating):
+            raise ConfigError(
+                f"backbone '{self.name}' gives features of shape {found} and type {features.dtype} "
+                f"for images of shape {images.shape}; floats of shape {expected} are needed"
+            )
+        return features
 
     def _check_images(self, images: Any) -> None:
         shape = tuple(images.shape)

@@ -16,7 +16,7 @@ from remind_jax.method import Method
 
 
 def code_of(method: Method) -> str:
-    """The files of functions that are not of this package, and the values that are bound to them.
+    """Functions that are not of this package, their files, and the values that are bound to them.
 
     What the files import, and their globals, are not looked at.
     """
@@ -59,9 +59,10 @@ def _text_of(value: Any, told: list[Any]) -> str:
 
 
 def _text_around(function: Any) -> str:
-    """The file that a function was compiled from, if it is not one that calls another."""
+    """A function and the file that it was compiled from, if it is not one that calls another."""
     try:
-        return Path(function.__code__.co_filename).read_text()
+        code = function.__code__
+        return f"{code.co_firstlineno}{Path(code.co_filename).read_text()}"
     except AttributeError:
         calls_another = hasattr(function, "func") or hasattr(function, "__wrapped__")
         return "" if calls_another else uuid.uuid4().hex

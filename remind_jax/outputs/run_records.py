@@ -238,6 +238,8 @@ class RunInfo(Printable):
     detector: dict[str, Any] | None = None  # what found the detections; None for given masks
     # of the memory that the run went on from
     known_objects: Annotated[tuple[KnownObject, ...], Meta(max_length=1_000_000)] = ()
+    # what else it was told, and what tells its features and an own tracker from others
+    options: dict[str, Any] = dataclasses.field(default_factory=dict)
     # of its checkpoint, where people changed their names before it went on
     renamed: Annotated[tuple[KnownObject, ...], Meta(max_length=1_000_000)] = ()
 

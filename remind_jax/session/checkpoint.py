@@ -34,7 +34,8 @@ FRAMES_NAME = "frames.jsonl"
 _FORMAT, _VERSION = "remind-jax checkpoint", 2
 # Of the moment, of the end, or of what people changed meanwhile.
 _NOT_COMPARED = ("info.started_at", "info.class_names", "info.fps", "info.renamed")
-_CODE = "options.tracker_code"  # of a method of one's own
+_CODE = "info.options.tracker_code"  # of a method of one's own
+_OPTIONS = "info.options"
 _START_ANEW = "start the run anew with --overwrite"
 
 
@@ -59,14 +60,12 @@ class Header(msgspec.Struct, frozen=True):
     version: Literal[2]
     info: dict[str, Any]  # `RunInfo`
     start: Count  # frames that the memory has seen before
-    options: dict[str, Any]  # of the run, which `RunInfo` does not say
 
     @classmethod
-    def of(cls, info: Any, start: int, options: Mapping[str, Any]) -> Header:
+    def of(cls, info: Any, start: int) -> Header:
         """As it is read back."""
-        content = {"format": _FORMAT, "version": _VERSION, "info": info.to_json()}
-        line = msgspec.json.encode({**content, "start": start, "options": dict(options)})
-        return msgspec.json.decode(line, type=Header)
+        content = {"format": _FORMAT, "version": _VERSION, "info": info.to_json(), "start": start}
+        return msgspec.json.decode(msgspec.json.encode(content), type=Header)
 
     def check_same(self, now: Header, folder: Path) -> None:
         """Makes sure that a run goes on with what it was begun with.
@@ -77,8 +76,10 @@ class Header(msgspec.Struct, frozen=True):
         was, given = (
             dict(flatten(msgspec.to_builtins(one), with_empty=True)) for one in (self, now)
         )
-        if None in (was.get(_CODE), given.get(_CODE)):  # as in earlier versions, or nobody can tell
+        if was.get(_CODE) is None or given.get(_CODE) is None:  # nobody can tell
             was[_CODE] = given[_CODE] = None
+        if not self.info.get("options"):  # of an earlier version, which does not say
+            was = {**{name: given[name] for name in given if name.startswith(_OPTIONS)}, **was}
         for name in dict.fromkeys((*given, *was)):
             if name == "info.known_objects" and was.get(name) != given.get(name):
                 raise OutputError(
@@ -88,7 +89,7 @@ class Header(msgspec.Struct, frozen=True):
                 )
             if name not in _NOT_COMPARED and was.get(name) != given.get(name):
                 raise OutputError(
-                    f"the run in '{folder}' was begun with {name.partition('.')[2] or name} "
+                    f"the run in '{folder}' was begun with {name.rpartition('info.')[2]} "
                     f"{was.get(name)!r}, not {given.get(name)!r}; give what it was begun with, or "
                     "start it anew with --overwrite"
                 )

@@ -27,11 +27,11 @@ from remind_jax.session.live import FEATURES_GIVEN, Tracker
 from remind_jax.sources import LiveSource
 
 
-def run_alone(loop: FrameLoop) -> Result:
+def run_alone(loop: FrameLoop, options: Mapping[str, Any]) -> Result:
     """Tracks all frames; nothing is written."""
     with loop.prepare() as ahead:
         first = loop.look_at_first(ahead)
-        info = describe_run(loop, first.size, first.features is not None)
+        info = describe_run(loop, first.size, first.features is not None, options)
         return loop.conclude(info, loop.consume(ahead, None))
 
 
@@ -47,7 +47,7 @@ def run_into(
 ) -> Result:
     """Tracks all frames, and completes the folder whatever happens; the caller has locked it.
 
-    With a run that it goes on with, it must have `options` and `RunInfo` in common.
+    With a run that it goes on with, it must have its `RunInfo` in common, `options` included.
 
     Raises:
       RemindError: If something about the input or the output is wrong; what was written until then
@@ -70,13 +70,13 @@ def run_into(
             writer = RunWriter(folder, info, overlay=overlay, resume=True, mcap=mcap)
         else:
             first = loop.look_at_first(ahead)
-            info = describe_run(loop, first.size, first.features is not None)
+            info = describe_run(loop, first.size, first.features is not None, options)
             writer = RunWriter(
                 folder, info, overlay=overlay, overwrite=overwrite or resume, mcap=mcap
             )
             if isinstance(loop.source, LiveSource):
                 loop.keep_on_disk(folder)
-            checkpoints.begin(Header.of(info, start, options))
+            checkpoints.begin(Header.of(info, start))
         with writer:
             loop.repeat(ahead, writer)
             try:
@@ -102,14 +102,15 @@ def _find_earlier(
     run, found = store.read_run_json(folder / store.RUN_NAME), None
     if run is not None and run.complete:
         found = Result.load(folder)
-        before = Header.of(found.info, start, options)
+        before = Header.of(found.info, start)
     else:
         found = before = checkpoints.find()
     if before is not None:
         info = RunInfo.from_json(before.info)
         # Frames are compared one by one later on.
-        now = describe_run(loop, info.frame_size, info.backbone == FEATURES_GIVEN)
-        before.check_same(Header.of(now, start, options), folder)
+        brings_features = info.backbone == FEATURES_GIVEN
+        now = describe_run(loop, info.frame_size, brings_features, options)
+        before.check_same(Header.of(now, start), folder)
     elif (folder / store.DETECTIONS_NAME).exists():
         raise OutputError(
             f"the run in '{folder}' left no checkpoints, so it cannot be gone on with; start it "
@@ -118,7 +119,12 @@ def _find_earlier(
     return found
 
 
-def describe_run(loop: FrameLoop, frame_size: tuple[int, int], brings_features: bool) -> RunInfo:
+def describe_run(
+    loop: FrameLoop,
+    frame_size: tuple[int, int],
+    brings_features: bool,
+    options: Mapping[str, Any],
+) -> RunInfo:
     """What a run is made with, as far as it is known before it starts."""
     tracker, source, detector = loop.tracker, loop.source, loop.detector
     if not brings_features:
@@ -149,6 +155,7 @@ def describe_run(loop: FrameLoop, frame_size: tuple[int, int], brings_features: 
         started_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         detector=described,
         known_objects=_known_objects(tracker),
+        options=dict(options),
     )
 
 

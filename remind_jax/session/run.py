@@ -158,6 +158,12 @@ def run(
     delay = choose_delay(delay, tracking.method, is_live=isinstance(frames, LiveSource))
     revise = tracking.method.host.delayed
     delayed = revise(delay) if revise is not None and delay else None
+    options = {
+        "delay": delay,
+        "trace": trace,
+        "tracker_code": digest_of(tracking.method),
+        "fingerprint": tracking.backbone.fingerprint,
+    }
     loop = FrameLoop(tracking, frames, found_by, delayed, waiting, checkpoints)
     with contextlib.ExitStack() as stack:
         if live is not False:
@@ -166,14 +172,14 @@ def run(
             loop.record = stack.enter_context(recorded)
         loop.progress = stack.enter_context(follow_run(progress, frames.name, frames.num_frames))
         if checkpoints is None:
-            return run_alone(loop)
+            return run_alone(loop, options)
         opened_s = frames.opened_at.timestamp() if isinstance(frames, LiveSource) else 0.0
         viewed = None if mcap is None else McapRecord(mcap, opened_s)
         stack.enter_context(files.locked(checkpoints.run_folder))
         return run_into(
             loop,
             checkpoints,
-            {"delay": delay, "trace": trace, "tracker_code": digest_of(tracking.method)},
+            options,
             overlay=overlay,
             overwrite=overwrite,
             resume=resume,

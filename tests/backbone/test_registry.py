@@ -107,12 +107,43 @@ def test_unfit_images_are_refused(shape, dtype, message):
         make_backbone().extract(np.zeros(shape, dtype))
 
 
-@pytest.mark.parametrize("wrong", [lambda x: x[0], lambda x: x[:, :1], lambda x: x.tolist()])
+@pytest.mark.parametrize("wrong", [lambda x: x[0], lambda x: x[:, :1], lambda x: x.astype(int)])
 def test_unfit_features_are_refused(wrong):
     right = make_backbone()
-    broken = dataclasses.replace(right, apply=lambda images: wrong(np.asarray(right.apply(images))))
-    with pytest.raises(ConfigError, match=r"gives .* is needed"):
-        broken.extract(np.zeros((2, 8, 8, 3), np.uint8))
+    images, covered = np.zeros((2, 8, 8, 3), np.uint8), np.ones((2, 2, 2))
+
+    def apply(images, *_):
+        return wrong(np.asarray(right.apply(images)))
+
+    broken = dataclasses.replace(right, apply=apply, apply_closeups=apply)
+    for extract in (broken.extract, lambda one: broken.extract_closeups(one, None, covered)):
+        with pytest.raises(ConfigError, match=r"gives .* are needed"):
+            extract(images)
+    narrow = dataclasses.replace(right, apply_closeups=lambda x, *_: right.apply(x), num_background=3)
+    with pytest.raises(ConfigError, match=r"floats of shape \(2, 2, 2, 4\) are needed"):
+        narrow.extract_closeups(images, None, covered)
+
+
+def test_features_may_be_those_of_another_library():
+    class Tensor:
+        dtype = "tensor.float32"
+
+        def __init__(self, values):
+            self.values, self.shape = values, values.shape
+
+        def __array__(self, *_, **__):
+            return self.values
+
+    right = make_backbone()
+    images = np.arange(2 * 8 * 8 * 3, dtype=np.uint8).reshape(2, 8, 8, 3)
+    other = dataclasses.replace(right, apply=lambda x: Tensor(np.asarray(right.apply(x))))
+    np.testing.assert_array_equal(other.extract(images), right.extract(images))
+
+
+def test_parts_of_a_backbone_are_checked():
+    for name, wrong in (("fingerprint", 3), ("name", None), ("num_background", 9)):
+        with pytest.raises(ConfigError, match=f"'{name}' is"):
+            dataclasses.replace(make_backbone(), **{name: wrong})
 
 
 def test_name_with_weights_and_cache(tmp_path):

@@ -49,3 +49,20 @@ def test_results_depend_on_what_is_bound_to_a_function_of_an_own_method():
     kept = [functools.partial(within(1).decide, reach=reach) for reach in (1, 1, 2)]
     codes = [code_of(dataclasses.replace(package, decide=one)) for one in kept]
     assert codes[0] == codes[1] != codes[2]
+
+
+def _first(*given):
+    return given
+
+
+def _second(*given):
+    return given[:1]
+
+
+def test_functions_of_one_file_are_told_apart():
+    package = get_method("iou")
+    first, second = (
+        dataclasses.replace(package, decide=decide)
+        for decide in (_first, _second)
+    )
+    assert code_of(first) == code_of(first) != code_of(second)
