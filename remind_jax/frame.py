@@ -125,6 +125,13 @@ class Frame:
     features: Float[np.ndarray, "Hp Wp D"] | None = None
     is_timed: bool = False  # by a clock; else `time_s` only numbers the frames
 
+    def __post_init__(self) -> None:
+        for name in ("image", "features"):  # maybe of another library
+            values = getattr(self, name)
+            if hasattr(values, "__array__") or hasattr(values, "__dlpack__"):
+                values = host_array(values, f"the {name} of frame '{self.name}'")
+                object.__setattr__(self, name, values)
+
     @property
     def size(self) -> tuple[int, int]:
         """Height and width in pixels.

@@ -11,6 +11,7 @@ import dataclasses
 import functools
 import importlib
 import operator
+import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -483,11 +484,22 @@ def register_method(method: Method) -> None:
     """Adds a method under its name, or takes it anew, as where a notebook runs a cell again.
 
     Raises:
-      ConfigError: If it is no `Method`, its settings are no dataclass that is a pytree, or its name
+      ConfigError: If it is no `Method`, a function of it is none, its settings are no dataclass that is a pytree, or its name
         is none or that of another.
     """
     if not isinstance(method, Method) or not isinstance(method.name, str) or not method.name:
         raise ConfigError("only a Method that has a name can be registered")
+    for name in ("init", "describe", "decide"):
+        function = getattr(method, name)
+        try:
+            is_fit = callable(function) and isinstance(hash(function), int)
+        except TypeError:
+            is_fit = False
+        if not is_fit:
+            raise ConfigError(
+                f"'{name}' of tracker '{method.name}' is {reprlib.repr(function)}; give a "
+                "function, or an object that can be called and hashed"
+            )
     settings = method.settings()
     if not dataclasses.is_dataclass(settings) or jax.tree_util.all_leaves([settings]):
         raise ConfigError(

@@ -1,10 +1,11 @@
 """Detections of a frame."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.frame import Detections, check_frame, frame_of
+from remind_jax.frame import Detections, Frame, check_frame, frame_of
 
 
 @pytest.mark.parametrize(
@@ -16,6 +17,18 @@ def test_select_takes_indices_a_mask_or_nothing(keep, left):
     chosen = detections.select(keep)
     assert chosen.labels == left
     assert len(chosen.masks) == len(chosen.scores) == len(chosen.instance_ids) == len(left)
+
+
+def test_pictures_and_features_may_be_those_of_another_library():
+    class Tensor:
+        dtype = "tensor.float32"
+
+        def __array__(self, *_, **__):
+            return np.ones((2, 2, 3), np.float32)
+
+    frame = Frame(0, 0, 0.0, "", jnp.ones((4, 4, 3), jnp.uint8), features=Tensor())
+    check_frame(frame)
+    assert type(frame.image) is type(frame.features) is np.ndarray
 
 
 def test_a_frame_beyond_all_measure_is_refused():

@@ -149,6 +149,28 @@ def register_like(counter, **changed) -> live.Tracker:
     return live.Tracker(tracker="counter")
 
 
+def test_what_no_program_can_be_kept_for_is_no_function_of_a_method(counter):
+    @dataclasses.dataclass
+    class Rule:
+        def __call__(self, *given, **options):
+            return count(*given, **options)
+
+    for rule in (Rule(), "count"):
+        with pytest.raises(ConfigError, match=r"'decide' of tracker 'counter' is .*give a function"):
+            register_like(counter, decide=rule)
+
+
+def test_settings_may_hold_what_is_no_threshold(counter):
+    @jax.tree_util.register_dataclass
+    @dataclasses.dataclass(frozen=True)
+    class Moded(Numbers):
+        mode: str = dataclasses.field(default="x", metadata={"static": True})
+
+    register_like(counter, settings=Moded)
+    config = load_config({"tracker": "counter", "thresholds": {"first_id": 3}})
+    assert live.Tracker(config).config.thresholds == Moded(first_id=3)
+
+
 def test_a_memory_that_comes_back_in_another_shape_is_refused(counter):
     def turn(state, seen, **options):
         after, trace = count(state, seen, **options)

@@ -347,7 +347,7 @@ def _check_thresholds(section: Any, path: str) -> None:
             _check_thresholds(value, f"{path}{field.name}.")
         elif isinstance(value, (int, float)):
             check_range(f"{path}{field.name}", value, field.metadata.get("setting", Setting("")))
-        elif not hasattr(value, "dtype"):
+        elif not hasattr(value, "dtype") and not field.metadata.get("static"):
             raise ConfigError(f"{path}{field.name} is {value!r}; it must be a number")
 
 

@@ -123,10 +123,10 @@ class CallableDetector(_Refined):
         return detections_from(self._function(image), size, class_names=self.options.class_names)
 
     def describe(self) -> dict[str, Any]:
-        """The function's name and the options, fit for JSON."""
+        """The function's name, the options, and what it says of itself, fit for JSON."""
         name = getattr(self._function, "__qualname__", type(self._function).__qualname__)
-        options = dataclasses.asdict(self.options)
-        return {"kind": "callable", "function": name, "options": options}
+        told = {"kind": "callable", "function": name, "options": dataclasses.asdict(self.options)}
+        return told | getattr(self._function, "describe", dict)()
 
 
 def refine_detections(

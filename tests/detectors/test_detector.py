@@ -129,6 +129,21 @@ def test_a_callable_keeps_its_masks_unless_asked_otherwise():
     json.dumps(strict.describe())
 
 
+def test_a_class_says_what_it_is():
+    class Dots:
+        def __call__(self, image):
+            return np.asarray(one_dot(image).masks)
+
+        def describe(self):
+            return {"kind": "dots", "size": 9}
+
+    dots = as_detector(Dots())
+    assert len(dots(FRAME)) == 2
+    told = dots.describe()
+    assert (told["kind"], told["size"]) == ("dots", 9)
+    assert told["function"].endswith("Dots")
+
+
 def test_a_callable_may_answer_in_any_known_form():
     def boxes_only(image):
         return {"boxes": [[2, 3, 12, 9]], "class_ids": [1], "scores": [0.5]}
