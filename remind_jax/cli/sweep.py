@@ -227,17 +227,21 @@ class Sweep:
         result = bench.run([GIVEN, *settings])
         if len(bench.scenes) < 2 or not result.complete:
             return result, []
-        table = cross_validate(result, self._best_by).to_markdown()
-        return result, [f"## Chosen on the other scenes\n\n{table}"]
+        try:
+            told = cross_validate(result, self._best_by).to_markdown()
+        except SweepError as error:
+            told = f"Not possible: {error}."
+        return result, [f"## Chosen on the other scenes\n\n{told}"]
 
     def _describe(self, result: SweepResult) -> str:
         best = result.best(self._best_by, self.top)
         scenes = ", ".join(result.scenes)
+        nothing = f"No scene has a {self._best_by} to choose by."
         parts = [
             f"# {plural(len(result.settings), 'setting')} on {plural(len(result.scenes), 'scene')}",
             f"Scenes: {scenes}. Means over scenes. Settings were chosen by the same scenes that "
             "they are reported on here.",
-            f"## Best {self._best_by}\n\n{result.to_markdown(best)}",
+            f"## Best {self._best_by}\n\n{result.to_markdown(best) if best else nothing}",
             f"## As it stands\n\n{result.to_markdown(_given(result))}",
             f"## {' against '.join(self._traded)}\n\n"
             + result.to_markdown(result.pareto(*self._traded)),

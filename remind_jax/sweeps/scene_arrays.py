@@ -205,7 +205,7 @@ def _read(
     brings_features = False
     # One waits at most, whatever its size.
     ahead = prefetch(
-        (reader.prepare(_with_masks(frame)) for frame in source), depth=1, size_of=lambda _: 0
+        (reader.prepare(_with_masks(frame, source.name)) for frame in source), depth=1, size_of=lambda _: 0
     )
     with contextlib.closing(ahead):
         for prepared in ahead:
@@ -238,10 +238,10 @@ def _read(
     return feats, masks, observed, instances, config
 
 
-def _with_masks(frame: Frame) -> Frame:
+def _with_masks(frame: Frame, scene: str) -> Frame:
     if frame.detections is None:
         raise SourceError(
-            f"frame '{frame.name}' comes without masks; give masks that say which object they show"
+            f"frame '{frame.name}' of '{scene}' comes without masks; give masks that say which object they show"
         )
     return frame
 

@@ -12,7 +12,7 @@ import numpy as np
 from remind_jax.errors import SweepError
 from remind_jax.method import PAPER_METHOD
 from remind_jax.settings.ranges import check_option
-from remind_jax.sweeps.result import SweepResult, markdown_table, sign_of
+from remind_jax.sweeps.result import SweepResult, markdown_table, show_score, sign_of
 from remind_jax.sweeps.search import GIVEN, Space
 from remind_jax.sweeps.settings import MAX_SETTINGS, Setting, Value, is_range
 
@@ -146,7 +146,7 @@ def curves_to_markdown(curves: Sequence[Curve]) -> str:
         good = sign_of(curve.metric) * np.array([score for _, score in tried])
         value, score = tried[int(np.argmax(np.nan_to_num(good, nan=-math.inf)))]
         ends = f"{curve.values[0]:g} to {curve.values[-1]:g}"
-        scores = (f"{score:.3f}", f"{curve.given_score:.3f}")
-        rows.append((curve.name, ends, f"{curve.span:.3f}", value, *scores))
+        best = ("-" if math.isnan(score) else value, show_score(score))
+        rows.append((curve.name, ends, show_score(curve.span), *best, show_score(curve.given_score)))
     heads = ("threshold", "range", "span", "best value", "best", "as it stands")
     return markdown_table(heads, rows)

@@ -1,7 +1,9 @@
 """`remind sweep` writes its tables, keeps to what was asked, and refuses in one sentence."""
 
 import csv
+import dataclasses
 import json
+import math
 import re
 
 import pytest
@@ -40,6 +42,35 @@ def test_grid_writes_table_and_summary(benches, command, tmp_path):
     for said in ("9 settings on 2 scenes", "scene held out", "as it stands"):
         assert said in summary
     assert "0.7" in outcome.stdout
+
+
+@pytest.mark.parametrize("sensitivity", [(), ("--sensitivity", "--number", 2)])
+@pytest.mark.parametrize("known", ["a", ""])
+def test_what_no_other_scene_has_a_score_for_is_written_all_the_same(
+    benches, command, tmp_path, monkeypatch, known, sensitivity
+):
+    run = FakeBench.run
+
+    def run_few(bench, settings):
+        result = run(bench, settings)
+        rows = tuple(tuple(_only(row, known) for row in of_setting) for of_setting in result.rows)
+        return dataclasses.replace(result, rows=rows)
+
+    monkeypatch.setattr(FakeBench, "run", run_few)
+    words = ("sweep", "a", "b", "--set", "matching.match=0.5,0.7", "-o", "out", *sensitivity)
+    outcome = command(*words, "--metric", "HardRecovery")
+    assert outcome.code == process.FINE
+    assert (tmp_path / "out/rows.csv").exists()
+    summary = (tmp_path / "out/summary.md").read_text()
+    assert "nan" not in summary
+    assert ("No scene has a HardRecovery to choose by." in summary) is (not known)
+    if not sensitivity:
+        assert "Not possible: no scene but 'a' has a HardRecovery" in summary
+
+
+def _only(row, known):
+    score = row.scores["IDF1"] if row.scene == known else math.nan
+    return dataclasses.replace(row, scores={**row.scores, "HardRecovery": score})
 
 
 def test_json_holds_the_best_and_the_front(benches, command):
