@@ -156,7 +156,9 @@ def test_what_no_program_can_be_kept_for_is_no_function_of_a_method(counter):
             return count(*given, **options)
 
     for rule in (Rule(), "count"):
-        with pytest.raises(ConfigError, match=r"'decide' of tracker 'counter' is .*give a function"):
+        with pytest.raises(
+            ConfigError, match=r"'decide' of tracker 'counter' is .*give a function"
+        ):
             register_like(counter, decide=rule)
 
 

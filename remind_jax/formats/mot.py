@@ -100,7 +100,10 @@ def fit_texts(
     )
     if truth.rles is None:
         return _name_classes(truth, class_id), prediction
-    class_id = DEFAULT_MOTS_CLASS if class_id is None else class_id
+    if class_id is None:  # which nobody asked for: both sides must be about it
+        class_id = DEFAULT_MOTS_CLASS
+        _require_class(class_id, truth)
+        _require_class(class_id, prediction)
     _require_class(class_id, truth, prediction)
     truth, prediction = (_keep_class(rows, class_id) for rows in (truth, prediction))
     frame_size = truth.frame_size or prediction.frame_size or (1, 1)  # any, if there is no row

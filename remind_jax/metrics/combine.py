@@ -94,10 +94,12 @@ def bootstrap_intervals(
       Lower and upper end by name; NaN for a score that is undefined in every draw.
 
     Raises:
-      RemindError: If `level` is not between 0 and 1.
+      RemindError: If `level` is not between 0 and 1, or `num_resamples` is below 1.
     """
     if not 0 < level < 1:
         raise RemindError(f"level is {level}; it must lie between 0 and 1, such as 0.95")
+    if num_resamples < 1:
+        raise RemindError(f"num_resamples is {num_resamples}; give 1 or more, such as 1000")
     ends = 50 * (1 - level), 50 * (1 + level)
     drawn = resample_counts(counts, num_resamples, seed)
     if remainder is not None:

@@ -18,7 +18,7 @@ from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import decode_mask, encode_masks
 from remind_jax.metrics.matching import EPSILON, match_detections
-from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.metrics.sequence import ANY_CLASS, TrackingSequence
 from remind_jax.sources.file_tree import frame_stem, last_number
 from remind_jax.sources.label_maps import fit_plane
 
@@ -246,7 +246,7 @@ def _join_classes(
     """Class index per row of both sides; one class for all where a side names none."""
     sides = (truth, prediction)
     if not have_common_classes(truth, prediction):
-        return np.zeros(len(truth), np.int64), np.zeros(len(prediction), np.int64), ("object",)
+        return np.zeros(len(truth), np.int64), np.zeros(len(prediction), np.int64), (ANY_CLASS,)
     keys = {class_key(name): name for side in (prediction, truth) for name in side.class_names}
     order = {key: place for place, key in enumerate(sorted(keys))}
     numbers = [
@@ -255,7 +255,7 @@ def _join_classes(
         else np.zeros(0, np.int64)
         for side in sides
     ]
-    return numbers[0], numbers[1], tuple(keys[key] for key in order) or ("object",)
+    return numbers[0], numbers[1], tuple(keys[key] for key in order) or (ANY_CLASS,)
 
 
 def have_common_classes(truth: TrackRows, prediction: TrackRows) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 
 from remind_jax.errors import OptionError, RemindError, SourceError
 from remind_jax.files import as_path
-from remind_jax.formats.mot import fit_texts
+from remind_jax.formats.mot import DEFAULT_MOTS_CLASS, fit_texts
 from remind_jax.metrics.comparison import ComparisonTable, Row
 from remind_jax.metrics.evaluation import (
     Evaluation,
@@ -33,7 +33,9 @@ from remind_jax.metrics.scene_stream import (
     path_name,
     row_of,
 )
+from remind_jax.metrics.sequence import ANY_CLASS
 from remind_jax.printing.small_table import SmallTable
+from remind_jax.printing.words import plural
 
 COLUMNS = (
     *("HOTA", "DetA", "AssA", "IDF1", "IDP", "IDR", "MOTA", "Recovery", "HardRecovery"),
@@ -146,7 +148,7 @@ def _score_scene(
 ) -> tuple[Evaluation, list[str]]:
     """Reads and scores one scene; also notes about it."""
     truth, predictions = stream.truth, stream.predictions
-    rows, tracks, has_classes = truth.read(scene), None, True
+    rows, tracks, has_classes, notes = truth.read(scene), None, True, []
     if predictions.format == "run":
         tracks = read_tracks(predictions.files[predicted])
         paired = pair_scene(rows, number_detections(tracks, rows.name))
@@ -158,8 +160,16 @@ def _score_scene(
             class_id=options.class_id,
         )
         paired, has_classes = pair_scene(*texts), False
+        if options.class_id is None and (left_out := len(rows) - len(texts[0])):
+            notes.append(
+                f"class {DEFAULT_MOTS_CLASS} is scored, without {plural(left_out, 'true row')} of "
+                "other classes; choose by --class-id"
+            )
     else:
         paired = pair_scene(rows, predictions.read(predicted))
+    has_classes &= paired.sequence.class_names != (ANY_CLASS,)
+    if options.by_class and not has_classes:
+        notes.append("no class is scored apart: truth and predictions name none in common")
     evaluation = evaluate_pair(
         paired,
         tracks,
@@ -167,7 +177,7 @@ def _score_scene(
         by_class=options.by_class and has_classes,
         min_absence_frames=options.min_absence_frames,
     )
-    notes = [*_doubt_truth(evaluation), *paired.notes]
+    notes += [*_doubt_truth(evaluation), *paired.notes]
     return dataclasses.replace(evaluation, name=scene), notes
 
 

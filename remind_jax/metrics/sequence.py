@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from remind_jax.errors import SourceError
 
 # Similarities are ratios; rounding may lift a perfect overlap this far above 1.
+ANY_CLASS = "object"  # of all rows, where classes are not told apart
 SIMILARITY_SLACK = 1e-9
 
 
@@ -77,7 +78,7 @@ class TrackingSequence:
     pair_gt: Int[np.ndarray, "K"]  # row of the ground truth
     pair_pred: Int[np.ndarray, "K"]  # row of the prediction
     pair_similarity: Float[np.ndarray, "K"]  # (0, 1]
-    class_names: tuple[str, ...] = ("object",)
+    class_names: tuple[str, ...] = (ANY_CLASS,)
     name: str = "sequence"  # for messages and tables
 
     @classmethod
@@ -90,7 +91,7 @@ class TrackingSequence:
         *,
         gt_class: Any = None,
         pred_class: Any = None,
-        class_names: Sequence[str] = ("object",),
+        class_names: Sequence[str] = (ANY_CLASS,),
         name: str = "sequence",
         first_frame: int = 0,
     ) -> TrackingSequence:
@@ -102,14 +103,15 @@ class TrackingSequence:
           pairs: Ground-truth row `[K]`, predicted row `[K]`, similarity `[K]` in [0, 1].
 
         Raises:
-          SourceError: If an id occurs twice in one frame, a frame is outside of the sequence, a
-            pair joins different frames, or a similarity is outside of [0, 1].
+          SourceError: If a number is no whole one, an id occurs twice in one frame, a frame is
+            outside of the sequence, a pair is given twice or joins different frames, or a
+            similarity is outside of [0, 1].
         """
         gt, pred = (
             _make_side(int(num_frames), *rows, classes)
             for rows, classes in ((ground_truth, gt_class), (predictions, pred_class))
         )
-        pair_gt, pair_pred = (np.asarray(column, np.int64) for column in pairs[:2])
+        pair_gt, pair_pred = (_whole("row numbers of pairs", column) for column in pairs[:2])
         similarity = np.asarray(pairs[2], np.float64)
         _check_rows("ground truth", name, gt, first_frame)
         _check_rows("prediction", name, pred, first_frame)
@@ -118,6 +120,8 @@ class TrackingSequence:
         rank = pair_gt[order] * max(1, len(pred)) + pair_pred[order]
         if np.any(np.diff(rank) <= 0):
             order = order[np.argsort(rank, kind="stable")]
+            if np.any(np.diff(np.sort(rank)) == 0):
+                raise SourceError(f"{name}: a pair is given twice; give the overlap of each once")
         pairs = pair_gt[order], pair_pred[order], similarity[order]
         return cls(gt, pred, *pairs, tuple(class_names), name)
 
@@ -172,11 +176,19 @@ def number_ids(ids: Int[np.ndarray, "N"]) -> tuple[Int[np.ndarray, "U"], Int[np.
 
 def _make_side(num_frames: int, frame: Any, ids: Any, classes: Any) -> Side:
     """Rows of one class if none are given."""
-    frame, ids = np.asarray(frame, np.int64), np.asarray(ids, np.int64)
-    classes = np.zeros(len(frame), np.int64) if classes is None else np.asarray(classes, np.int64)
+    frame, ids = _whole("frames", frame), _whole("ids", ids)
+    classes = np.zeros(len(frame), np.int64) if classes is None else _whole("classes", classes)
     if len(classes) != len(frame):
         raise SourceError(f"{len(classes)} classes were given for {len(frame)} rows")
     return Side(num_frames, frame, ids, classes)
+
+
+def _whole(what: str, given: Any) -> Int[np.ndarray, "N"]:
+    values = np.asarray(given)
+    numbers = values.astype(np.int64)
+    if values.dtype.kind == "f" and np.any(numbers != values):
+        raise SourceError(f"{what} are whole numbers, found {values[numbers != values][0]}")
+    return numbers
 
 
 def _check_rows(side: str, name: str, rows: Side, first_frame: int) -> None:

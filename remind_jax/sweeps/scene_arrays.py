@@ -205,7 +205,9 @@ def _read(
     brings_features = False
     # One waits at most, whatever its size.
     ahead = prefetch(
-        (reader.prepare(_with_masks(frame, source.name)) for frame in source), depth=1, size_of=lambda _: 0
+        (reader.prepare(_with_masks(frame, source.name)) for frame in source),
+        depth=1,
+        size_of=lambda _: 0,
     )
     with contextlib.closing(ahead):
         for prepared in ahead:

@@ -147,6 +147,8 @@ def curves_to_markdown(curves: Sequence[Curve]) -> str:
         value, score = tried[int(np.argmax(np.nan_to_num(good, nan=-math.inf)))]
         ends = f"{curve.values[0]:g} to {curve.values[-1]:g}"
         best = ("-" if math.isnan(score) else value, show_score(score))
-        rows.append((curve.name, ends, show_score(curve.span), *best, show_score(curve.given_score)))
+        rows.append(
+            (curve.name, ends, show_score(curve.span), *best, show_score(curve.given_score))
+        )
     heads = ("threshold", "range", "span", "best value", "best", "as it stands")
     return markdown_table(heads, rows)

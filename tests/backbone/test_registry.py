@@ -119,7 +119,9 @@ def test_unfit_features_are_refused(wrong):
     for extract in (broken.extract, lambda one: broken.extract_closeups(one, None, covered)):
         with pytest.raises(ConfigError, match=r"gives .* are needed"):
             extract(images)
-    narrow = dataclasses.replace(right, apply_closeups=lambda x, *_: right.apply(x), num_background=3)
+    narrow = dataclasses.replace(
+        right, apply_closeups=lambda x, *_: right.apply(x), num_background=3
+    )
     with pytest.raises(ConfigError, match=r"floats of shape \(2, 2, 2, 4\) are needed"):
         narrow.extract_closeups(images, None, covered)
 

@@ -152,7 +152,9 @@ def _describe_shifted(*args, by, **options):
 
 def _decide_shifted(state, shifted, **options):
     after, trace = get_method("running-mean").decide(state, shifted.seen, **options)
-    decisions = dataclasses.replace(after.decisions, object_id=after.decisions.object_id + shifted.by)
+    decisions = dataclasses.replace(
+        after.decisions, object_id=after.decisions.object_id + shifted.by
+    )
     return dataclasses.replace(after, decisions=decisions), trace
 
 

@@ -61,8 +61,5 @@ def _second(*given):
 
 def test_functions_of_one_file_are_told_apart():
     package = get_method("iou")
-    first, second = (
-        dataclasses.replace(package, decide=decide)
-        for decide in (_first, _second)
-    )
+    first, second = (dataclasses.replace(package, decide=decide) for decide in (_first, _second))
     assert code_of(first) == code_of(first) != code_of(second)

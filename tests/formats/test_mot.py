@@ -9,6 +9,7 @@ from remind_jax.errors import SourceError
 from remind_jax.formats.mot import FileFormat, fit_texts, read_text_rows, recognize_format
 from remind_jax.formats.rows import TrackRows
 from remind_jax.masks.run_length import encode_masks
+from remind_jax.metrics.scene_evaluation import SceneOptions, evaluate
 from tests.metrics.golden import load_texts
 
 
@@ -118,10 +119,23 @@ def test_bad_rows_are_refused(tmp_path: Path):
         load_texts(write(tmp_path / "gt.txt", good["mot"]), twice, "mot")
 
 
+def test_what_is_not_scored_is_said(tmp_path: Path):
+    lines = [mots_line(1, number, 3 - number, slice(number, number + 1)) for number in (1, 2)]
+    truth = write(tmp_path / "truth.txt", *lines)
+    options = SceneOptions(by_class=True)
+    notes = evaluate(truth, truth, truth_format="mots", format="mots", options=options).notes
+    for said in ("class 2 is scored, without 1 true row of", "no class is scored apart"):
+        assert sum(said in note for note in notes) == 1
+
+
 def test_a_class_that_nothing_has_is_refused(tmp_path: Path):
     masks = write(tmp_path / "masks.txt", mots_line(1, 1, 5, slice(0, 3)))
     with pytest.raises(SourceError, match="no row of class 7"):
         load_texts(masks, masks, "mots", class_id=7)
+    people = write(tmp_path / "people.txt", mots_line(1, 1, 2, slice(0, 3)))
+    for sides in ((masks, people), (people, masks)):
+        with pytest.raises(SourceError, match=r"masks\.txt has no row of class 2; it has 5"):
+            load_texts(*sides, "mots")
     boxes = write(tmp_path / "boxes.txt", "1,1,1,1,5,5,1,3,1")
     rows = read_text_rows(boxes, "a", "mot", is_truth=True)
     assert len(fit_texts(rows, rows, class_id=3)[0]) == 1

@@ -41,3 +41,5 @@ def test_nothing_cannot_be_combined():
         pool_counts([])
     with pytest.raises(RemindError, match="level is 95"):
         bootstrap_intervals(count_identity(SEQUENCES[0]), identity_scores, level=95)
+    with pytest.raises(RemindError, match="num_resamples is 0; give 1 or more"):
+        bootstrap_intervals(count_identity(SEQUENCES[0]), identity_scores, num_resamples=0)

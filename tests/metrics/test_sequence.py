@@ -28,6 +28,8 @@ def create(**changes: Any) -> TrackingSequence:
         ({"pairs": ([0], [0], [1.2])}, r"1\.2 is outside of \[0, 1\]"),
         ({"pairs": ([0], [0], [np.nan])}, r"nan is outside"),
         ({"pairs": ([3], [0], [0.5])}, r"ground-truth row outside of 0 to 2"),
+        ({"pairs": ([0, 0], [0, 0], [0.5, 0.5])}, r"a pair is given twice"),
+        ({"predictions": ([0, 1], [9.5, 9])}, r"ids are whole numbers, found 9\.5"),
         ({"gt_class": [0]}, r"1 classes were given for 3 rows"),
     ],
 )
