@@ -484,8 +484,8 @@ def register_method(method: Method) -> None:
     """Adds a method under its name, or takes it anew, as where a notebook runs a cell again.
 
     Raises:
-      ConfigError: If it is no `Method`, a function of it is none, its settings are no dataclass that is a pytree, or its name
-        is none or that of another.
+      ConfigError: If it is no `Method`, what it is made of is no function, its settings are no
+        dataclass that is a pytree, or its name is none or that of another.
     """
     if not isinstance(method, Method) or not isinstance(method.name, str) or not method.name:
         raise ConfigError("only a Method that has a name can be registered")

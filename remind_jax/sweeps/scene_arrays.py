@@ -243,7 +243,8 @@ def _read(
 def _with_masks(frame: Frame, scene: str) -> Frame:
     if frame.detections is None:
         raise SourceError(
-            f"frame '{frame.name}' of '{scene}' comes without masks; give masks that say which object they show"
+            f"frame '{frame.name}' of '{scene}' comes without masks; give masks that say which "
+            "object they show"
         )
     return frame
 
