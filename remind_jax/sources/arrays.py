@@ -109,11 +109,11 @@ def _copied(item: Any) -> Any:
     """The same in arrays of its own."""
     if isinstance(item, np.ndarray):
         return item.copy()
-    if isinstance(item, Frame) and isinstance(item.image, np.ndarray):
-        return dataclasses.replace(item, image=item.image.copy())
+    if isinstance(item, Frame):
+        return dataclasses.replace(item, image=_copied(item.image))
     if isinstance(item, Mapping):
         return {key: _copied(value) for key, value in item.items()}
-    return type(item)(map(_copied, item)) if type(item) in (tuple, list) else item
+    return [*map(_copied, item)] if isinstance(item, tuple | list) else item
 
 
 def _length(items: Iterable[Any]) -> int | None:
