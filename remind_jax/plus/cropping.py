@@ -50,7 +50,7 @@ def find_cropped(
     return Cropped(renamed & tracklets.just_seen & differs, cropped)
 
 
-def find_doubles(
+def find_cropped_doubles(
     sightings: Sightings,
     origin: Int[Array, "N"],
     age: Int[Array, "N"],

@@ -20,7 +20,7 @@ from remind_jax.numerics.control_flow import batch_max, branch
 from remind_jax.plus import clock
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
-from remind_jax.plus.cropping import find_doubles
+from remind_jax.plus.cropping import find_cropped_doubles
 from remind_jax.plus.crossing import carry_courses, course_odds
 from remind_jax.plus.decision import decide, learn_newness
 from remind_jax.plus.evidence import (
@@ -191,7 +191,7 @@ def _link(
     origin = link(links, t.linking)
     sightings = fade_background(sightings, origin, carried, state.scene, t.mobility)
     age = jnp.where(origin == NO_SLOT, 0, carried.age[origin])
-    double_of = find_doubles(sightings, origin, age, confused, t.names)
+    double_of = find_cropped_doubles(sightings, origin, age, confused, t.names)
     sightings = dataclasses.replace(sightings, valid=sightings.valid & (double_of == NO_SLOT))
     cropped = links.cropped.at(origin)
     link_trust, wait_trust = trust_links(links, origin, t.linking)

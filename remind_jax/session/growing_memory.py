@@ -52,14 +52,13 @@ UNUSED_FRAMES, UNUSED_AT_FIRST = 50, 10
 # touch more and more of its pages.
 _RETURN_EVERY = 1000
 
-_log = logging.getLogger("remind_jax")
-
-
 BUDGET_SHARE = 0.75  # of the memory of the device; the rest is for frames, masks and the network
 GIB = 2**30
 MAX_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
 MAX_UNCOUNTED = 2048  # detections in a frame, of methods that do not count their bytes
 _GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of a container, where there is one
+
+_log = logging.getLogger("remind_jax")
 
 
 class GrowingMemory:

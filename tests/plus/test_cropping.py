@@ -10,7 +10,7 @@ from remind_jax.decision import Outcome, Reason
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus import linking
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
-from remind_jax.plus.cropping import cropped_overlap, find_doubles
+from remind_jax.plus.cropping import cropped_overlap, find_cropped_doubles
 from remind_jax.plus.thresholds import PlusThresholds
 from tests.plus.frames import TICK, T, detections, empty_state, tracklets_of
 from tests.plus.walls import Walk, follow, pan
@@ -88,7 +88,7 @@ def test_what_another_detection_shows_is_left_out_once_its_name_was_seen_to_chan
 
 def _doubles(seen, origin, confused, age=(5, 5, 5)):
     age = jnp.where(origin == NO_SLOT, 0, jnp.array(age))
-    return find_doubles(seen, origin, age, confused, T.names).tolist()
+    return find_cropped_doubles(seen, origin, age, confused, T.names).tolist()
 
 
 def test_of_two_names_of_the_same_pixels_the_one_of_the_longer_tracklet_stays():
@@ -115,7 +115,9 @@ def test_of_two_names_of_the_same_pixels_the_one_of_the_longer_tracklet_stays():
         seen_otherwise = dataclasses.replace(seen, **other)
         assert _doubles(seen_otherwise, none, assumed) == [NO_SLOT] * 3
     none_wanted = dataclasses.replace(T.names, cropped=jnp.float32(1.1))
-    assert (find_doubles(seen, none, jnp.zeros(3, int), assumed, none_wanted) == NO_SLOT).all()
+    assert (
+        find_cropped_doubles(seen, none, jnp.zeros(3, int), assumed, none_wanted) == NO_SLOT
+    ).all()
 
 
 def _takes_turns() -> Walk:
