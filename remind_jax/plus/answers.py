@@ -51,6 +51,7 @@ _REASONS = {
     Outcome.NEW: Reason.CREATED_NEW,
     Outcome.AMBIGUOUS: Reason.KNOWN_BUT_AMBIGUOUS,
     Outcome.PROVISIONAL_PARENT: Reason.UNCERTAIN_PARENT,
+    Outcome.PROVISIONAL_NEW: Reason.UNCERTAIN_NEW,
     Outcome.DROPPED: Reason.INVALID_INPUT,
 }
 
@@ -111,9 +112,8 @@ def report(
     """Fills in what all trackers report.
 
     An open tracklet gets a firm answer where that is probable enough; a small new object
-    must be more so, as most ids of what is never seen again would be theirs. Otherwise its options
-    are listed: known objects, and its own new id, which it will have if it is none of them. A
-    decided one keeps its firm answer until it passed to another thing more likely than not.
+    must be more so, as most ids of what is never seen again would be theirs. Otherwise the known
+    objects that it could be are listed, and whether it is rather a new one. A decided one keeps its firm answer until it passed to another thing more likely than not.
 
     Args:
       belief: Probability of each candidate.
@@ -130,13 +130,16 @@ def report(
     option_id, option_score = _list_options(verdicts, belief, undecided, passed_on)
     could_be = option_score >= t.possible
     num_close = jnp.sum(could_be, axis=1, dtype=jnp.int32)
+    may_be_new = is_own & (1.0 - jnp.sum(belief, axis=1) >= t.possible)
+    leans_new = undecided & (may_be_new | (num_close == 0))
     is_small = is_own & (sightings.size < SMALL)
     firm = jnp.where(is_small, t.firm_small, t.firm)
     doubtful = (undecided & (confidence < firm)) | passed_on
-    is_parent = undecided & (num_close == 1) & ~could_be[:, -1]
+    is_parent = undecided & (num_close == 1)
     undecided_outcome = jnp.where(
         is_parent, int(Outcome.PROVISIONAL_PARENT), int(Outcome.AMBIGUOUS)
     )
+    undecided_outcome = jnp.where(leans_new, int(Outcome.PROVISIONAL_NEW), undecided_outcome)
     firm_outcome = jnp.where(is_own & ~here.named, int(Outcome.NEW), int(Outcome.MATCH))
     outcome = jnp.where(doubtful, undecided_outcome, firm_outcome)
     outcome = jnp.where(seen, outcome, jnp.where(present, int(Outcome.DROPPED), int(Outcome.EMPTY)))
@@ -153,7 +156,7 @@ def report(
     shown = doubtful[:, None] & look_up_in_rows(could_be, first)
     firm_id = jnp.where(is_firm, verdicts.answer_id, NO_ID)
     ordered, ranked = jax.lax.top_k(belief, belief.shape[1])
-    listed = _shown_candidates(verdicts, ordered, ranked, static.num_candidates)
+    listed = _shown_candidates(verdicts, ordered, ranked, doubtful, static.num_candidates, t)
     decisions = dataclasses.replace(
         no_decisions(static),
         outcome=outcome.astype(jnp.int32),
@@ -207,11 +210,9 @@ def _list_options(
     undecided: Bool[Array, "N"],
     passed_on: Bool[Array, "N"],
 ) -> tuple[Int[Array, "N M"], Float[Array, "N M"]]:
-    """Known objects and the own new id, with their probabilities; what was decided, if it is."""
-    new = 1.0 - jnp.sum(belief, axis=1)
-    last_id = jnp.where(passed_on, verdicts.answer_id, verdicts.tracklet_id)
-    last = jnp.where(passed_on, verdicts.probability, jnp.where(undecided, new, 0.0))
-    ids = jnp.concatenate([verdicts.option_id, last_id[:, None]], axis=1)
+    """Known objects with their probabilities; last what was decided, if it is."""
+    last = jnp.where(passed_on, verdicts.probability, 0.0)
+    ids = jnp.concatenate([verdicts.option_id, verdicts.answer_id[:, None]], axis=1)
     known = jnp.where(undecided[:, None], belief, 0.0)
     return ids, jnp.clip(jnp.concatenate([known, last[:, None]], axis=1), 0.0, 1.0)
 
@@ -220,9 +221,11 @@ def _shown_candidates(
     verdicts: Verdicts,
     ordered: Float[Array, "N C"],
     ranked: Int[Array, "N C"],
+    doubtful: Bool[Array, "N"],
     width: int,
+    t: th.Decision,
 ) -> dict[str, Array]:
-    """The most probable candidates, as all trackers show them.
+    """The most probable candidates, as all trackers show them; of what is in doubt possible ones.
 
     Args:
       ordered: Probabilities, falling.
@@ -234,6 +237,7 @@ def _shown_candidates(
         return jnp.pad(values[:, :width], ((0, 0), (0, lacking)), constant_values=blank)
 
     ids = look_up_in_rows(verdicts.option_id, ranked)
+    ids = jnp.where(doubtful[:, None] & (ordered < t.possible), NO_ID, ids)
     valid = ids != NO_ID
     return {
         "candidate_id": show(ids, NO_ID),

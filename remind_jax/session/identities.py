@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import UInt8
 
-from remind_jax.decision import NO_ID
+from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.outputs.run_records import Event
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import (
@@ -105,7 +105,7 @@ class Identities:
                 if old != new:
                     message = f"object {old} turned out to be object {new}"
                     events.append(Event(decided.frame_index, "merged", message, (old, new)))
-        announced = as_announced(self.announcements, decided)
+        announced = self._with_first_ones(as_announced(self.announcements, decided))
         self.records.note(announced, image)
         if self._num_told() > self._most_told:
             # Memory has no more what many of the records are of; they go before they become more.
@@ -152,6 +152,14 @@ class Identities:
         announced = [as_announced(self.announcements, decided) for decided in run]
         self.records.recount(announced)
         return tuple(self.records.answer(tracks) for tracks in announced)
+
+    def _with_first_ones(self, announced: Tracks) -> Tracks:
+        """The answers, new where an object never had one: it may have been known unannounced."""
+        outcome, reason = announced.outcome.copy(), announced.reason.copy()
+        for row in np.flatnonzero(outcome == Outcome.MATCH).tolist():
+            if not self.records.has(int(announced.object_id[row])):
+                outcome[row], reason[row] = Outcome.NEW, Reason.CREATED_NEW
+        return dataclasses.replace(announced, outcome=outcome, reason=reason)
 
     def _no_more_answered(
         self, ids: Collection[int], known_ids: Callable[[], Collection[int]]

@@ -226,7 +226,8 @@ class Tracker(Printable):
         """Forgets everything; compiled programs stay."""
         with self._alone("prepare"), self._alone("advance"):
             self._memory.forget()
-            self._memory_files, self.events = {}, []
+            self._let_files_go()
+            self.events = []
             self.preparer, self._features_given = self._new_preparer(), False
             self.identities = Identities(self.announce_after, self.static.first_object_id)
 
@@ -406,10 +407,15 @@ class Tracker(Printable):
         """
         path = as_path(path, "the memory file", OutputError).resolve()
         with self._alone("advance"):
-            for other in self._memory_files.keys() - {path}:
-                self._memory_files[other].let_go()
+            self._let_files_go(but=path)
             file = self._memory_files.setdefault(path, memory_file.MemoryFile(path))
             file.update(self._saved())
+
+    def _let_files_go(self, but: Path | None = None) -> None:
+        """The next memory is written as a whole to them, unless others change them meanwhile."""
+        for path, file in self._memory_files.items():
+            if path != but:
+                file.let_go()
 
     def load(self, path: str | Path) -> None:
         """Goes on from a memory file; what is in memory now is forgotten.
@@ -433,7 +439,8 @@ class Tracker(Printable):
             check_backbone(memory, self.features.described_by, fingerprint, path)
         with self._alone("prepare"), self._alone("advance"):
             static = static_of(memory, self.config, path)
-            self._memory.static, self._memory_files = static, {read.path: read}
+            self._let_files_go()
+            self._memory.static, self._memory_files[read.path] = static, read
             self._features_given = memory.backbone == FEATURES_GIVEN
             self.preparer = self._new_preparer()
             self._restore(memory)

@@ -95,6 +95,8 @@ class ObjectRecords:
         self.given: Mapping[int, str] = {}
         self.merges: Mapping[int, int] = {}
         self._records = dict(records or {})
+        # Those seen in this session and before, as they were before.
+        self._earlier: dict[int, ObjectRecord] = {}
 
     @property
     def merged_into(self) -> Mapping[int, int]:
@@ -121,6 +123,8 @@ class ObjectRecords:
             record = self._records.get(object_id)
             if record is None:
                 record = ObjectRecord(tracks.labels[row], 0, now, now, Pictures())
+            if record.last.session < now.session:
+                self._earlier[object_id] = record
             pictures = record.pictures
             away = now.frame - record.last.frame - 1
             if record.last.session != now.session or away >= MIN_ABSENCE_FRAMES:
@@ -139,8 +143,8 @@ class ObjectRecords:
     def recount(self, run: Iterable[Tracks]) -> None:
         """Counts the frames of this session anew: later ones changed what was answered.
 
-        New objects that nothing is of any more are none, and what is answered only in the end is
-        one. `run` are all frames of the session, as announced in the end.
+        New objects that nothing is of any more are none, known ones are as they were before, and
+        what is answered only in the end is one. `run` are all frames of the session, as announced in the end.
         """
         seen: dict[int, list[int]] = {}
         labels: dict[int, str] = {}
@@ -158,6 +162,8 @@ class ObjectRecords:
             if object_id not in seen:
                 if record.first.session == self.session and object_id not in declared:
                     del self._records[object_id]
+                elif record.last.session == self.session:
+                    self._records[object_id] = self._earlier.get(object_id, record)
                 continue
             frames = seen[object_id]
             before = record.num_frames - record.frames_in(self.session)

@@ -59,13 +59,24 @@ def test_a_probable_answer_is_firm_before_it_is_decided():
     assert (told.option_id == NO_ID).all()
 
 
-def test_doubt_names_the_objects_and_the_new_id_that_it_could_be():
+def test_doubt_names_the_known_objects_that_it_could_be():
     told = report_one([0.25, 0.2])
     assert told.outcome[0] == Outcome.AMBIGUOUS
     assert told.object_id[0] == NO_ID
     assert told.pending_id[0] == OWN
-    assert told.option_id[0].tolist() == [KNOWN, OWN, OTHER]  # the answer first
-    np.testing.assert_allclose(told.option_score[0], [0.25, 0.55, 0.2], rtol=1e-5)
+    assert told.option_id[0].tolist() == [KNOWN, OTHER, NO_ID]
+    np.testing.assert_allclose(told.option_score[0], [0.25, 0.2, 0.0], rtol=1e-5)
+    assert report_one([0.25, 0.05]).outcome[0] == Outcome.PROVISIONAL_PARENT
+
+
+def test_what_is_rather_new_has_no_id_that_nothing_has():
+    told = report_one([0.3, 0.2], answer=OWN, size=0.2)
+    assert (told.outcome[0], told.reason[0]) == (Outcome.PROVISIONAL_NEW, Reason.UNCERTAIN_NEW)
+    assert told.option_id[0].tolist() == [KNOWN, OTHER, NO_ID]
+    hardly = report_one([0.05, 0.04])
+    assert hardly.outcome[0] == Outcome.PROVISIONAL_NEW
+    assert (hardly.option_id == NO_ID).all()
+    assert (hardly.candidate_id == NO_ID).all()
 
 
 def test_what_it_can_hardly_be_is_not_named():
@@ -106,8 +117,7 @@ def test_the_new_id_of_a_small_object_waits_until_it_is_more_certain():
     small = report_one([0.3, 0.0], answer=OWN, size=0.2)
     assert 0.5 < small.confidence[0] < T.decision.firm_small
     assert small.object_id[0] == NO_ID
-    assert small.outcome[0] == Outcome.AMBIGUOUS
-    assert OWN in small.option_id[0]
+    assert small.outcome[0] == Outcome.PROVISIONAL_NEW
     assert report_one([0.3, 0.0], answer=OWN, size=1.0).object_id[0] == OWN
     assert report_one([0.001, 0.0], answer=OWN, size=0.2).object_id[0] == OWN
     assert report_one([0.7, 0.0], size=0.2).object_id[0] == KNOWN, "a known object need not"

@@ -37,6 +37,15 @@ def test_objects_that_become_one_are_an_event_and_one_record():
     assert [(one.object_id, one.num_frames) for one in told.records.objects()] == [(4, 2)]
 
 
+def test_an_object_is_new_where_it_is_first_answered():
+    """However long memory knew it before that."""
+    for after, first in ((1, 0), (2, 1)):
+        told = Identities(after, 0)
+        answers = [told.add(frame_of(index, 4), [], None, never)[0] for index in range(4)]
+        outcomes = [int(tracks.outcome[0]) for tracks in answers[first:]]
+        assert outcomes == [Outcome.NEW, *[Outcome.MATCH] * (3 - first)]
+
+
 def test_what_is_known_after_all_is_told_once_and_only_if_it_was_answered():
     told = Identities(1, 0)
     told.add(frame_of(0, 4, 7), [], None, never)
@@ -97,6 +106,8 @@ def test_what_earlier_sessions_counted_stays(tmp_path):
     told.conclude([told.decided])  # of this session, one frame is left in the end
     for one, was in zip(again.objects(), before, strict=True):
         assert (one.num_frames, one.first, one.last) == (was.num_frames - 2, was.first, was.last)
+    told.conclude([])
+    assert again.objects() == tracker.objects(), "none was met again"
 
 
 def test_an_id_that_people_chose_is_answered_when_the_tracker_finds_the_same():

@@ -171,8 +171,13 @@ def test_what_another_program_wrote_is_kept_beside_other_files(tmp_path):
     other.load(kept)
     other.rename(0, "precious")
     other.save(kept)
-    with pytest.raises(OutputError, match="changed by another program"):
-        tracker.checkpoint(kept)
+    for forget in (lambda: tracker.load(second), tracker.reset):
+        with pytest.raises(OutputError, match="changed by another program"):
+            tracker.checkpoint(kept)
+        forget()
+        tracker.update(*frames(1)[0])
+        with pytest.raises(OutputError, match="changed by another program"):
+            tracker.checkpoint(kept)
     tracker.update(*frames(2)[1])
     for _ in range(2):
         tracker.checkpoint(second)
