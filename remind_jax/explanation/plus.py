@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import cast
 
 import numpy as np
@@ -110,9 +110,13 @@ class PlusExplainer(Explainer[PlusRecord]):
         return first_rows(PlusRecord(trace, decisions.object_id, decisions.confidence), num)
 
     def _explain(self, record: PlusRecord, tracks: Tracks, row: int) -> PlusExplanation:
-        v, label = record.verdicts, tracks.labels[row]
+        v, label, labels = record.verdicts, tracks.labels[row], self._archive.labels
+
+        def name(object_id: int) -> str:
+            return title_of(labels.get(object_id, label), object_id, tracks.names)
+
         is_open = v.stage[row] == Stage.OPEN
-        candidates = _candidates(v, row, label, tracks.names)
+        candidates = _candidates(v, row, name)
         answer_id = id_or_none(v.answer_id[row])
         known = sum(candidate.probability for candidate in candidates)
         confidence = tracks.shown_confidence(row)
@@ -134,7 +138,7 @@ class PlusExplainer(Explainer[PlusRecord]):
             confidence_without_delay=None if confidence is None else float(record.confidence[row]),
             tracklet_id=id_or_none(v.tracklet_id[row]),
             answer_id=answer_id,
-            answer_name=None if answer_id is None else title_of(label, answer_id, tracks.names),
+            answer_name=None if answer_id is None else name(answer_id),
             margin=float(v.margin[row]) if is_open and candidates else None,
             new_log_odds=float(v.new_odds[row]) if is_open else None,
             new_probability=max(0.0, 1.0 - known) if is_open else None,
@@ -155,9 +159,7 @@ class PlusExplainer(Explainer[PlusRecord]):
         return found
 
 
-def _candidates(
-    v: Verdicts, row: int, label: str, names: Mapping[int, str]
-) -> tuple[PlusCandidate, ...]:
+def _candidates(v: Verdicts, row: int, name: Callable[[int], str]) -> tuple[PlusCandidate, ...]:
     found = []
     for place in np.argsort(-v.option_belief[row], kind="stable"):
         object_id = int(v.option_id[row, place])
@@ -167,7 +169,7 @@ def _candidates(
         found.append(
             PlusCandidate(
                 object_id=object_id,
-                name=title_of(label, object_id, names),
+                name=name(object_id),
                 log_odds=float(v.option_odds[row, place]),
                 probability=float(v.option_belief[row, place]),
                 parts={k: float(getattr(v.evidence, k)[row, place]) for k in Evidence.kinds()},

@@ -113,7 +113,8 @@ def report(
 
     An open tracklet gets a firm answer where that is probable enough; a small new object
     must be more so, as most ids of what is never seen again would be theirs. Otherwise the known
-    objects that it could be are listed, and whether it is rather a new one. A decided one keeps its firm answer until it passed to another thing more likely than not.
+    objects that it could be are listed, and whether it is rather a new one. A decided one keeps its
+    firm answer until it passed to another thing more likely than not.
 
     Args:
       belief: Probability of each candidate.

@@ -22,7 +22,7 @@ from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.outputs.run_records import KnownObject
 from remind_jax.session.answers import as_merged
 from remind_jax.session.object_pictures import Pictures, best_of
-from remind_jax.tracks import Tracks
+from remind_jax.tracks import Tracks, title_of
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -144,7 +144,8 @@ class ObjectRecords:
         """Counts the frames of this session anew: later ones changed what was answered.
 
         New objects that nothing is of any more are none, known ones are as they were before, and
-        what is answered only in the end is one. `run` are all frames of the session, as announced in the end.
+        what is answered only in the end is one. `run` are all frames of the session, as announced
+        in the end.
         """
         seen: dict[int, list[int]] = {}
         labels: dict[int, str] = {}
@@ -253,12 +254,17 @@ class ObjectRecords:
                 f"most {MAX_LABEL} characters"
             )
         name = name.strip()
-        members = self.members(object_id)
+        members, names = self.members(object_id), self.names
         for one, given in self.given.items():
             if name and given == name and one not in members:
                 raise SourceError(
                     f"object {self.merged_into.get(one, one)} is called '{name}' already; give "
                     "another name, or merge the two"
+                )
+        for one in self._records.keys() - self.merges.keys() - {*members} if name else ():
+            if title_of(self._records[one].label, one, names) == name:
+                raise SourceError(
+                    f"object {one} is shown as '{name}'; give another name, or merge the two"
                 )
         # Others that it was merged with keep theirs for when they are split, but for this name.
         gone = {object_id} if name else set(members)

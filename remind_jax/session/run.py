@@ -149,6 +149,8 @@ def run(
         source, masks=masks, sampling=sampling, metadata=metadata, **source_options
     )
     _check_source(frames, tracking, found_by, folder if resume else None)
+    if found_by is not None:
+        _refuse_masks(frames, masks)
     if folder is not None:
         _keep_apart(folder, frames, mcap, masks, metadata, weights, config, detector, memory)
     # Pictures cannot be written anew, so frames wait until most objects that will be announced are:
@@ -242,6 +244,16 @@ def _check_source(
         )
     if detector is None:
         raise SourceError(f"'{frames.name}' brings no masks; give a detector")
+
+
+def _refuse_masks(frames: Source, masks: Any) -> None:
+    """Refuses masks that were chosen beside a detector, which would not be looked at."""
+    chosen = masks if masks is not None else (frames.describe().get("reopen") or {}).get("masks")
+    if chosen is not None and not (isinstance(chosen, str) and chosen == NO_MASKS):
+        raise OptionError(
+            "masks and a detector exclude each other; give one, or masks='none' (--masks none)",
+            *("masks", "detector"),
+        )
 
 
 def _keep_apart(out: Path, frames: Source, mcap: Any, *others: Any) -> None:

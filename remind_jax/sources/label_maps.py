@@ -18,6 +18,7 @@ from remind_jax.crops import require_room
 from remind_jax.errors import SourceError
 from remind_jax.formats.pictures import VOID, read_label_map
 from remind_jax.frame import Detections
+from remind_jax.printing.words import plural
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.file_tree import files_in, frame_stem, last_number, read_of_frame
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
@@ -76,6 +77,12 @@ class LabelMaps:
             self.notes.append(
                 f"{lacking} of {num_frames} frames of '{reader.name}' have no annotation and count "
                 "as frames without detections"
+            )
+        unused = sorted(set(files) - set(self._file_of.values()))
+        if unused:
+            self.notes.append(
+                f"{plural(len(unused), 'annotation')} in '{folder}' (first '{unused[0]}') belong "
+                f"to no frame of '{reader.name}'; see that both are numbered alike"
             )
         self._has_void = self._find_void()
         self._check_some()

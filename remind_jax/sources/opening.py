@@ -129,6 +129,12 @@ def open_source(
         # Metadata that comes with other masks says nothing about those of the layout.
         own = dataclasses.replace(choice, metadata=None) if masks is not None else choice
         reader, open_own_masks = locate(path, own)
+        if image_fps is not None and reader.kind == "video":
+            raise OptionError(
+                f"'image_fps' is for images, and the video '{path}' has a rate of its own; leave "
+                "it out",
+                "image_fps",
+            )
         refuse_unused(choice, path, masks)
         reopen = dataclasses.asdict(choice) | {
             "spec": str(path),

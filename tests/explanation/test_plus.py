@@ -43,6 +43,16 @@ def test_evidence_adds_up_to_the_log_odds(explained):
         assert sum(candidate.parts.values()) == pytest.approx(candidate.log_odds, abs=1e-3)
 
 
+def test_candidates_are_called_by_their_own_class(result):
+    archive = result.trace.renumbered(lambda ids: {one: one for one in ids})
+    archive._labels = dict.fromkeys(archive.labels, "lamp")
+    explainer = type(result.explainer)(archive, result.tracks, result.info.config)
+    told = [explainer.explain(tracks.frame_index, 0) for tracks in result.tracks[-3:]]
+    assert all(one.answer_name == f"lamp {one.answer_id}" for one in told)
+    names = {c.name for one in told for c in one.candidates}
+    assert all(name.startswith("lamp ") for name in names)
+
+
 def test_probabilities_of_open_tracklets_add_up_to_one(explained):
     for one in explained:
         if one.new_probability is None:

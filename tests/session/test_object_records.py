@@ -124,6 +124,9 @@ def test_two_objects_of_one_name_are_refused(tracker):
     with pytest.raises(SourceError, match="object 0 is called 'mug' already"):
         tracker.rename(1, "mug")
     tracker.rename(0, "mug")  # itself is no other
+    with pytest.raises(SourceError, match="object 2 is shown as 'object 2'; give another"):
+        tracker.rename(1, "object 2")
+    tracker.rename(1, "object 1")
 
 
 def test_of_two_options_that_were_merged_one_is_left():

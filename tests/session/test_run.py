@@ -26,7 +26,7 @@ from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import MEMORY_NAME, RunWriter
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress
-from remind_jax.sources import detections_from
+from remind_jax.sources import detections_from, open_source
 from tests.cli import scenes
 from tests.session.test_live import assert_same_answers
 from tests.sources import making
@@ -266,6 +266,25 @@ def test_what_the_source_has_to_say_is_in_the_result(tmp_path):
     (event,) = result.events
     assert (event.frame_index, event.kind) == (-1, "input")
     assert "1 of 2" in event.message
+
+
+def test_masks_of_no_frame_are_told(tmp_path):
+    write_frames(tmp_path, masks=["0.png", "1.png", "2.png", "3.png"])
+    (event,) = rj.run(tmp_path / "frames", masks=tmp_path / "masks").events
+    assert "2 annotations in" in event.message
+    assert "(first '2.png') belong to no frame of 'frames'" in event.message
+
+
+def test_masks_and_a_detector_exclude_each_other(tmp_path):
+    write_frames(tmp_path, masks=["0.png", "1.png"])
+    folders = tmp_path / "frames", tmp_path / "masks"
+    for source, more in (
+        (folders[0], {"masks": folders[1]}),
+        (open_source(folders[0], masks=folders[1]), {}),
+    ):
+        with pytest.raises(ConfigError, match="masks and a detector exclude each other"):
+            rj.run(source, detector=lambda image: None, **more)
+    assert rj.run(folders[0], masks="none", detector=lambda image: None).complete
 
 
 def test_a_slow_recording_keeps_its_rate_beside_an_overlay_that_plays(tmp_path):

@@ -29,7 +29,8 @@ def test_description_reopens_the_same_frames(tmp_path, kind, monkeypatch):
         making.write_davis(tmp_path / "it", num=6, metadata=making.LABELS)
     (name,) = [path.name for path in tmp_path.iterdir()]
     monkeypatch.chdir(tmp_path)
-    source = open_source(name, sampling=Sampling(stride=2, start=1), image_fps=12)
+    rate = {} if kind == "video" else {"image_fps": 12}
+    source = open_source(name, sampling=Sampling(stride=2, start=1), **rate)
     assert isinstance(source, Source)
     description = json.loads(json.dumps(source.describe()))
     monkeypatch.chdir("/")
@@ -73,6 +74,12 @@ def test_source_passes_unchanged_and_can_be_sampled():
 def test_bad_options_are_named(options, why):
     with pytest.raises(ConfigError, match=why):
         open_source([making.picture(0)], **options)
+
+
+def test_a_video_has_a_rate_of_its_own(tmp_path):
+    making.write_video(tmp_path / "it.mp4", 2)
+    with pytest.raises(ConfigError, match=r"'image_fps' is for images, and the video '.*it\.mp4'"):
+        open_source(tmp_path / "it.mp4", image_fps=5)
 
 
 def test_files_that_are_missing(tmp_path):
