@@ -25,6 +25,7 @@ from remind_jax.compiled.programs import (
     is_jit_off,
     is_of_this_package,
     shapes_of,
+    structure_of,
 )
 from remind_jax.method import Method
 from remind_jax.numerics.pytree import pytree
@@ -120,19 +121,15 @@ class FrameStep:
         # What a frame looks like does not depend on how much is remembered.
         own = dataclasses.replace(static, num_objects=1, num_pending=1)
         describe = functools.partial(_describe, method.describe, own)
-        described = get_program(
-            Recipe(
-                "describe",
-                lambda *leaves: describe(jax.tree.unflatten(structure, leaves)),
-                shapes,
-                (identify(method.describe), own, structure),
-                is_kept=self._is_kept(method.describe, static),
-            )
+        description = Recipe(
+            "describe",
+            lambda *leaves: describe(jax.tree.unflatten(structure, leaves)),
+            shapes,
+            (identify(method.describe), own, structure),
+            is_kept=self._is_kept(method.describe, static),
         )
-
-        @functools.cache
-        def seen_structure() -> Any:
-            return described.structure or jax.tree.structure(jax.eval_shape(describe, example))
+        described = get_program(description)
+        seen_structure = functools.cache(lambda: structure_of(described, description))
 
         def decide_seen(state: Any, given: tuple[tuple, Packed]) -> Any:
             seen = jax.tree.unflatten(seen_structure(), given[0])
@@ -142,19 +139,20 @@ class FrameStep:
         # What one's own function gives may differ in what is no array; to learn it takes a trace.
         is_ours = is_of_this_package(method.describe)
         seen = identify(method.describe) if is_ours else seen_structure()
-        decide = self._decide_program(decide_seen, state, given, seen, static)
-        trace_structure = decide.structure.children()[2] if self._is_traced else None
+        decision = self._decision(decide_seen, state, given, seen, static)
+        decide = get_program(decision)
+        trace_structure = structure_of(decide, decision).children()[2] if self._is_traced else None
         return _Programs(described, decide, Layout.of(readout), trace_structure, seen_structure)
 
-    def _decide_program(
+    def _decision(
         self,
         run: Callable[[Any, Any], tuple[Any, Any]],
         state: Any,
         given: Any,
         seen: Any,
         static: Static,
-    ) -> Program:
-        """The program of `run(state, given)` and of its readout; may take over a large memory.
+    ) -> Recipe:
+        """That of `run(state, given)` and of its readout; may take over a large memory.
 
         `seen` tells what frames look like here from what they look like elsewhere.
         """
@@ -176,21 +174,16 @@ class FrameStep:
                 trace if self._is_traced else None,
             )
 
-        return get_program(
-            Recipe(
-                "decide",
-                on_leaves,
-                (*memory_shapes, *shapes_of(given_leaves)),
-                (
-                    *map(identify, (self._method.decide, counts)),
-                    *(self._is_traced, static, given_structure, seen),
-                ),
-                num_donated=len(memory_shapes) if is_ours and num_bytes > _SMALL_BYTES else 0,
-                # The structure of a trace is not kept.
-                is_kept=not self._is_traced
-                and is_of_this_package(counts)
-                and self._is_kept(self._method.decide, static),
-            )
+        return Recipe(
+            "decide",
+            on_leaves,
+            (*memory_shapes, *shapes_of(given_leaves)),
+            (
+                *map(identify, (self._method.decide, counts)),
+                *(self._is_traced, static, given_structure, seen),
+            ),
+            num_donated=len(memory_shapes) if is_ours and num_bytes > _SMALL_BYTES else 0,
+            is_kept=is_of_this_package(counts) and self._is_kept(self._method.decide, static),
         )
 
     def _is_kept(self, function: Callable[..., Any], static: Static) -> bool:

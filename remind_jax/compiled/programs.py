@@ -186,6 +186,13 @@ def is_of_this_package(function: Callable[..., Any]) -> bool:
     return found is function
 
 
+def structure_of(program: Program, recipe: Recipe) -> Any:
+    """Of the answer as the function gives it, which is traced if its program came from disk."""
+    if program.structure is not None:
+        return program.structure
+    return jax.tree.structure(jax.eval_shape(recipe.function, *recipe.shapes))
+
+
 def identify(function: Callable[..., Any]) -> Hashable:
     """What tells a function from all others: its name, or itself where a name may be given again.
 

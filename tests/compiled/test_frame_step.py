@@ -108,6 +108,20 @@ def test_a_trace_changes_no_decision(name):
 
 @HEAVY
 @pytest.mark.usefixtures("folder")
+def test_programs_that_leave_a_trace_are_kept():
+    traces = []
+    for _ in range(2):  # made anew, and kept
+        clear_programs()
+        tracker = make("plus", trace=True)
+        scenes.follow(tracker, range(2))
+        traces.append(tracker.trace)
+        (programs,) = tracker._memory.frame_step._prepared.values()
+    assert programs.decide.structure is None
+    jax.tree.map(np.testing.assert_array_equal, *traces)
+
+
+@HEAVY
+@pytest.mark.usefixtures("folder")
 def test_after_a_warm_up_nothing_is_traced_to_ask_what_a_frame_showed(monkeypatch):
     for _ in range(2):  # made anew, and kept
         clear_programs()
