@@ -103,11 +103,13 @@ class Tracks(Printable):
         label, object_id = self.labels[row], int(self.object_id[row])
         if object_id != NO_ID:
             return title_of(label, object_id, self.names)
-        shown = [self.names.get(int(i)) or str(i) for i in self.candidate_id[row] if i != NO_ID]
-        if self.outcome[row] == Outcome.AMBIGUOUS and shown:
-            return f"{label} {' or '.join(shown)}?"
-        if self.outcome[row] == Outcome.PROVISIONAL_PARENT and shown:
-            return f"{label} {shown[0]}?"
+        could_be = [int(one) for one in self.candidate_id[row] if one != NO_ID]
+        if self.outcome[row] == Outcome.PROVISIONAL_PARENT:
+            could_be = could_be[:1]
+        if self.outcome[row] in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT) and could_be:
+            if any(one in self.names for one in could_be):
+                return f"{' or '.join(title_of(label, one, self.names) for one in could_be)}?"
+            return f"{label} {' or '.join(map(str, could_be))}?"
         return label if self.outcome[row] == Outcome.DROPPED else f"{label} new?"
 
     def to_supervision(self, class_names: Sequence[str] | None = None) -> sv.Detections:

@@ -58,6 +58,13 @@ def cups_and_tv():
     return dataclasses.replace(tracks, labels=("cup", "cup", "tv"), names={5: "my tv"})
 
 
+def test_what_it_could_be_is_called_as_it_is_elsewhere():
+    tracks = cups_and_tv()
+    alone = np.where(tracks.candidate_id == 3, -1, tracks.candidate_id)
+    assert dataclasses.replace(tracks, candidate_id=alone).display_name(1) == "my tv?"
+    assert dataclasses.replace(tracks, names={}).display_name(1) == "cup 3 or 5?"
+
+
 def test_supervision_gets_a_frame_that_can_be_tracked_again():
     pytest.importorskip("supervision")
     tracks = cups_and_tv()

@@ -11,6 +11,7 @@ from remind_jax.cli.flags import flags
 from remind_jax.errors import OutputError
 from remind_jax.files import refuse_file, replace_file
 from remind_jax.printing.terminal import print_lines
+from remind_jax.printing.words import plural
 
 
 @flags
@@ -45,4 +46,5 @@ class Export:
             to_cvat(result.tracks, result.info.name, result.class_names, result.info.frame_size),
         )
         if not self.quiet:
-            print_lines(f"{out}: {len(result.objects())} identities, {len(result)} frames")
+            num = plural(len(result.objects()), "identity", "identities")
+            print_lines(f"{out}: {num}, {plural(len(result), 'frame')}")

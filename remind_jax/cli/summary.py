@@ -72,7 +72,7 @@ def _say_times(facts: dict[str, Any]) -> list[str]:
         return []
     parts = ", ".join(f"{stage} {times['median']:.1f}" for stage, times in stages.items())
     first_ms, compile_s = facts["first_frame_ms"], facts["compile_s"]
-    waits = [] if first_ms is None else [f"first identities after {first_ms / 1000:.1f} s"]
+    waits = [] if first_ms is None else [f"first frame after {first_ms / 1000:.1f} s"]
     waits += [] if compile_s is None else [f"{compile_s:.1f} s spent on compiling"]
     return [f"median ms per frame: {parts}", *([", ".join(waits)] if waits else [])]
 

@@ -17,7 +17,7 @@ from remind_jax.frame import Frame
 from remind_jax.outputs.drawing import encode_jpeg, fit_image, identity_color, to_hex
 from remind_jax.outputs.gallery import crop_detection
 from remind_jax.outputs.overlay import detection_color, draw_overlay
-from remind_jax.outputs.run_records import MemoryUse
+from remind_jax.outputs.run_records import Event, MemoryUse
 from remind_jax.sources import LiveSource
 from remind_jax.tracks import Tracks, title_of
 
@@ -82,8 +82,8 @@ class LiveView:
         self._version, self._num_shown, self._is_over = 0, 0, False
         self._frame: tuple[np.ndarray | None, Tracks] | None = None
         self._memory: MemoryUse | None = None
-        self._objects: dict[int, _Object] = {}  # by their ids in memory
-        self._earlier: dict[int, _Object] = {}  # not seen in this run, by their announced ids
+        self._objects: dict[int, _Object] = {}  # by their ids
+        self._earlier: dict[int, _Object] = {}  # the same of those not seen in this run
         self._names: Mapping[int, str] = {}
         self._in_view: set[int] = set()
         self._arrived = self._now_s = 0.0
@@ -104,24 +104,25 @@ class LiveView:
         self,
         frame: Frame,
         tracks: Tracks,
-        decided: Tracks | None,
-        merges: Sequence[Any] = (),
+        events: Sequence[Event] = (),
         memory: MemoryUse | None = None,
     ) -> None:
-        """Takes the newest frame, and what the memory holds since."""
+        """Takes the newest frame, what happened in it, and what the memory holds since."""
         age_s = 0.0 if self._source is None else self._source.age_s(frame)
-        memory_ids = (tracks if decided is None else decided).object_id.tolist()
         with self._changed:
             now = self._clock()
-            for gone, kept in merges:
-                self._merge(int(gone), int(kept))
+            for event in events:
+                if event.kind == "merged":
+                    self._merge(*event.objects)
+                elif event.kind == "forgotten":
+                    for gone in event.objects:
+                        self._objects.pop(gone, None)
+                        self._earlier.pop(gone, None)
             self._in_view = set()
-            for row, (memory_id, object_id) in enumerate(
-                zip(memory_ids, tracks.object_id.tolist(), strict=True)
-            ):
+            for row, object_id in enumerate(tracks.object_id.tolist()):
                 if object_id != NO_ID:
-                    self._see(memory_id, object_id, tracks.labels[row], frame.time_s)
-            self._picture_some(frame, tracks, memory_ids)
+                    self._see(object_id, tracks.labels[row], frame.time_s)
+            self._picture_some(frame, tracks)
             self._forget_some()
             self._frame, self._memory = (frame.image, tracks), memory
             self._names = tracks.names
@@ -199,7 +200,7 @@ class LiveView:
             return self._drawn[1]
 
     def picture_of(self, key: int) -> bytes | None:
-        """A view of an object as JPEG, by its id in memory."""
+        """A view of an object as JPEG, by its id."""
         with self._changed:
             one = self._objects.get(key)
             return None if one is None else one.picture
@@ -237,36 +238,36 @@ class LiveView:
             for row in range(len(tracks))
         ]
 
-    def _see(self, memory_id: int, object_id: int, label: str, time_s: float) -> None:
+    def _see(self, object_id: int, label: str, time_s: float) -> None:
         earlier = self._earlier.pop(object_id, None)
-        if memory_id not in self._objects:
-            self._objects[memory_id] = _Object(label, object_id, time_s, time_s)
-        one = self._objects[memory_id]
-        one.object_id = object_id
+        if object_id not in self._objects:
+            self._objects[object_id] = _Object(label, object_id, time_s, time_s)
+        one = self._objects[object_id]
         one.num_frames += 0 if earlier is None else earlier.num_frames
         one.see(time_s)
-        self._in_view.add(memory_id)
+        self._in_view.add(object_id)
 
     def _merge(self, gone: int, kept: int) -> None:
         former = self._objects.pop(gone, None)
         if former is None:
             return
         one = self._objects.setdefault(kept, former)
-        if one is not former:
+        if one is former:
+            one.object_id = kept
+        else:
             spans = sorted([*former.spans, *one.spans])
             one.spans = collections.deque(spans, maxlen=MAX_SPANS)
             one.first_s = min(one.first_s, former.first_s)
             one.num_frames += former.num_frames
 
-    def _picture_some(self, frame: Frame, tracks: Tracks, memory_ids: Sequence[int]) -> None:
+    def _picture_some(self, frame: Frame, tracks: Tracks) -> None:
         """Cuts out those whose pictures are the oldest; only a few, since the tracker waits."""
         if frame.image is None:
             return
         due = [
             (self._objects[key], row)
-            for row, key in enumerate(memory_ids)
-            if tracks.object_id[row] != NO_ID
-            and frame.time_s - self._objects[key].pictured_s > _FRESH_S
+            for row, key in enumerate(tracks.object_id.tolist())
+            if key != NO_ID and frame.time_s - self._objects[key].pictured_s > _FRESH_S
         ]
         due.sort(key=lambda pair: pair[0].pictured_s)
         image = fit_image(frame.image, *tracks.frame_size)

@@ -88,7 +88,9 @@ def join_memories(
         announced=announced,
         fingerprint=memory.fingerprint or other.fingerprint,
     )
-    return changed, JoinedObjects(number_of, matched, ambiguous)
+    # Objects that were never answered come as well, but nobody has an id of theirs.
+    ids = {there: here for there, here in number_of.items() if records.has(here)}
+    return changed, JoinedObjects(ids, matched, ambiguous)
 
 
 def _merged_into(memory: SavedMemory) -> dict[int, int]:

@@ -253,7 +253,7 @@ class FrameLoop:
         start = time.perf_counter()
         tracks = tracker.advance(prepared)
         if self.view is not None:
-            self.view.show(upcoming.frame, tracks, told.decided, told.merges, tracker.memory_use)
+            self.view.show(upcoming.frame, tracks, tracker.events, tracker.memory_use)
         tracked = time.perf_counter()
         first_ms: float | None = None
         # From the arrival of a live frame until it is shown.

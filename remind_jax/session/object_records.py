@@ -7,9 +7,10 @@ again. Ids are those of the answers, as announced.
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import reprlib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -213,9 +214,11 @@ class ObjectRecords:
 
     def objects(self) -> tuple[RememberedObject, ...]:
         """What is known of each object, by rising id."""
-        names = self.names
+        names, others = self.names, collections.defaultdict[int, list[int]](list)
+        for gone, kept in sorted(self.merged_into.items()):
+            others[kept].append(gone)
         return tuple(
-            self._tell(object_id, names)
+            self._tell(object_id, others[object_id], names.get(object_id, ""))
             for object_id in sorted(self._records)
             if object_id not in self.merges
         )
@@ -378,18 +381,17 @@ class ObjectRecords:
         """The records that a memory file keeps, for `to_file`; they are replaced, never changed."""
         return {one: self._records[one] for one in sorted(self._records) if one in ids}
 
-    def _tell(self, object_id: int, names: Mapping[int, str]) -> RememberedObject:
-        members = self.members(object_id)
+    def _tell(self, object_id: int, others: Sequence[int], name: str) -> RememberedObject:
         record = self._records[object_id]
-        for one in members[1:]:
+        for one in others:
             record = record.joined(self._records[one])
         return RememberedObject(
             object_id=object_id,
             label=record.label,
-            name=names.get(object_id, ""),
+            name=name,
             num_frames=record.num_frames,
             first=record.first,
             last=record.last,
-            merged=members[1:],
+            merged=tuple(others),
             pictures=tuple(picture.jpeg for picture in record.pictures.best),
         )

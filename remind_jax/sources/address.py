@@ -90,8 +90,10 @@ def _stream(url: str, scheme: str) -> Address:
     try:
         parts = urlsplit(url)
         host, port, path = parts.hostname, parts.port, parts.path
-    except ValueError:
-        host, port, path = None, None, ""
+    except ValueError as error:
+        raise SourceError(
+            f"'{shown}' names no host with a port up to 65535; give {scheme}://HOST[:PORT]/PATH"
+        ) from error
     if not host:
         raise SourceError(f"'{shown}' names no host; give {scheme}://HOST[:PORT]/PATH")
     words = re.sub(r"[^\w.]+", "-", f"{host}{path}").strip("-.")

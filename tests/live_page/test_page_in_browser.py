@@ -40,7 +40,7 @@ class Shown:
         for position in positions:
             frame = dataclasses.replace(frames[position], time_s=position / 10)
             tracks = result.tracks[position]
-            self.view.show(frame, tracks, tracks)
+            self.view.show(frame, tracks)
 
     def text(self, selector: str) -> str:
         return find(self.browser, selector).text

@@ -24,7 +24,7 @@ def view():
     frames, result = make_run(3, size=(120, 160))
     view = LiveView("room <b>1</b>")
     for frame, tracks in zip(frames, result.tracks, strict=True):
-        view.show(frame, tracks, tracks)
+        view.show(frame, tracks)
     return view
 
 

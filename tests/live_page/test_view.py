@@ -10,7 +10,7 @@ import pytest
 
 from remind_jax.live_page import view as views
 from remind_jax.live_page.view import LiveView
-from remind_jax.outputs.run_records import MemoryUse
+from remind_jax.outputs.run_records import Event, MemoryUse
 from remind_jax.session.object_records import RememberedObject, Sight
 from tests.outputs.fake_run import make_run
 
@@ -37,7 +37,7 @@ def show(view: LiveView, run, *positions: int, step_s: float = 0.1) -> None:
     for position in positions:
         frame = dataclasses.replace(frames[position], time_s=step_s * position)
         tracks = result.tracks[position]
-        view.show(frame, tracks, tracks)
+        view.show(frame, tracks)
 
 
 def test_nothing_is_there_before_the_first_frame():
@@ -67,7 +67,7 @@ def test_who_is_in_view_and_who_is_remembered(view, run):
 def test_names_that_people_gave_are_shown(view, run):
     frame, tracks = run[0][25], dataclasses.replace(run[1].tracks[25], names={0: "my cup"})
     show(view, run, *range(25))
-    view.show(frame, tracks, tracks)
+    view.show(frame, tracks)
     state = view.state()
     rows = [*state["remembered"], *state["timeline"]["rows"]]
     assert "my cup" in {row["name"] for row in rows}
@@ -93,7 +93,7 @@ def test_what_the_memory_holds_is_told(view, run):
     show(view, run, 0)
     assert view.state()["memory"] is None
     frames, result = run
-    view.show(frames[1], result.tracks[1], None, (), MemoryUse(300, 128, 172, 5_000_000))
+    view.show(frames[1], result.tracks[1], (), MemoryUse(300, 128, 172, 5_000_000))
     assert view.state()["memory"] == {
         "objects": 300, "working_set": 128, "at_rest": 172, "bytes": 5_000_000
     }  # fmt: skip
@@ -111,7 +111,7 @@ def test_an_absence_leaves_a_gap_in_the_timeline(view, run):
 def test_the_timeline_ends_now_and_drops_what_is_long_ago(view, run):
     show(view, run, 0, step_s=0)
     frame, tracks = dataclasses.replace(run[0][0], time_s=1000.0), run[1].tracks[0]
-    view.show(frame, tracks, tracks)
+    view.show(frame, tracks)
     timeline = view.state()["timeline"]
     assert (timeline["from_s"], timeline["to_s"]) == (1000.0 - views.WINDOW_S, 1000.0)
     assert all(span[1] == 1000.0 for row in timeline["rows"] for span in row["spans"])
@@ -125,10 +125,20 @@ def test_objects_that_turn_out_to_be_one_are_one(view, run):
     merged = dataclasses.replace(
         tracks, object_id=np.where(tracks.object_id == gone, kept, tracks.object_id)
     )
-    view.show(run[0][10], merged, merged, [(gone, kept)])
+    view.show(run[0][10], merged, [Event(10, "merged", "they are one", (gone, kept))])
     names = [row["name"] for row in view.state()["timeline"]["rows"]]
     assert len(names) == len(set(names))
     assert not any(name.endswith(f" {gone}") for name in names)
+
+
+def test_what_is_forgotten_leaves_the_page(view, run):
+    view.remember([RememberedObject(99, "hat", "", 7, Sight(1, 0), Sight(1, 9))])
+    show(view, run, *range(30))
+    before = view.state()["num_objects"]
+    view.show(run[0][30], run[1].tracks[30], [Event(30, "forgotten", "two are gone", (1, 99))])
+    state = view.state()
+    assert state["num_objects"] == before - 2
+    assert not {"cup 1", "hat 99"} & {one["name"] for one in state["remembered"]}
 
 
 def test_memory_is_bounded(view, run, monkeypatch):

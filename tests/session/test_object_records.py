@@ -100,6 +100,17 @@ def test_records_of_a_joined_memory_follow_and_begin_a_session(tracker, tmp_path
     assert other.objects()[0].last == Sight(3, FRAMES)
 
 
+def test_only_what_has_an_id_is_told_as_joined(tracker, tmp_path):
+    tracker.identities.records._records.pop(2)  # as of what was never answered
+    tracker.save(tmp_path / "other")
+    joined = Tracker()
+    scenes.follow(joined, range(1))
+    found = joined.join(tmp_path / "other")
+    assert set(found.ids) == {0, 1}
+    assert found.num_added == 2
+    assert all(map(joined.identities.records.has, found.ids.values()))
+
+
 def test_what_cannot_be_done_is_refused(tracker):
     for name in ("a\nb", "\x1b[31m", "x" * 201, 3, None):
         with pytest.raises(SourceError, match="cannot be called"):

@@ -54,7 +54,7 @@ def test_streams_are_shown_without_secrets(url, shown, name):
         ("ftp://me:secret@host/x", "'ftp://***@host/x' is of scheme 'ftp', which is not read"),
         ("file:///etc/passwd", "is of scheme 'file', which is not read"),
         ("rtsp://", "'rtsp://' names no host; give rtsp://HOST[:PORT]/PATH"),
-        ("rtsp://me:secret@host:port/x", "'rtsp://***' names no host"),
+        ("rtsp://me:secret@host:port/x", "'rtsp://***' names no host with a port"),
         ("http://host/a b", "is no address; give at most 2000 letters, without spaces"),
         ("http://host/\x1b[2J", "is no address"),
         ("http://host/" + 3000 * "a", "is no address; give at most 2000 letters"),

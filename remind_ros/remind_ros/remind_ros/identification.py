@@ -152,7 +152,7 @@ class Identification:
         Raises:
           SourceError: If there is no object with this id, or it cannot have this name.
         """
-        if not object_id.isdecimal():
+        if not object_id.isdecimal() or len(object_id) > 18:
             raise SourceError(f"there is no object '{object_id}'; give the id of a detection")
         self.tracker.rename(int(object_id), name)
         return (
