@@ -41,6 +41,10 @@ OPEN_KNOWN = 0.046, 0.981  # probabilities
 OPEN_NEW = 0.19, 0.942
 KNOWN = 0.0113, 0.9985
 NEW = 0.5615, 0.9811
+# What is decided as new and was never whole in view: ticks below which it was not, and what the log
+# odds of its belief become.
+CUT_MOVES = 1.0
+CUT_SLOPE, CUT_LOSS = 1.4, 9.0
 LEAST_TRUST = 0.5  # of a tracklet that passed to another thing more likely than not
 # Share of a decided belief that is lost if the object moves, and if its class does.
 MOVING_LOSS, MOVING_CLASS_LOSS = 0.6, 0.8
@@ -126,7 +130,9 @@ def report(
     seen = verdicts.tracklet_id != NO_ID
     is_own = verdicts.answer_id == verdicts.tracklet_id
     undecided = seen & ~verdicts.is_decided
-    confidence = jnp.where(seen, _calibrate(verdicts, is_own, moves, stays), 0.0)
+    belief_in_answer = believe(verdicts, here)
+    calibrated = _calibrate(belief_in_answer, verdicts.is_decided, is_own, moves, stays)
+    confidence = jnp.where(seen, calibrated, 0.0)
     passed_on = seen & verdicts.is_decided & (here.trust < LEAST_TRUST)
     option_id, option_score = _list_options(verdicts, belief, undecided, passed_on)
     could_be = option_score >= t.possible
@@ -177,8 +183,21 @@ def report(
     return decisions
 
 
+def believe(verdicts: Verdicts, here: Tracklets) -> Float[Array, "N"]:
+    """Probability of each answer, as it is believed from now on.
+
+    Another part of a known object looks like a new one: what is decided as new and was never whole
+    in view is believed less.
+    """
+    is_new = verdicts.is_decided & (verdicts.answer_id == verdicts.tracklet_id)
+    is_cut = is_new & (verdicts.stage == int(Stage.OPEN)) & (here.num_moves < CUT_MOVES)
+    less = jax.nn.sigmoid(CUT_SLOPE * _log_odds(verdicts.probability) - CUT_LOSS)
+    return jnp.where(is_cut, less, verdicts.probability)
+
+
 def _calibrate(
-    verdicts: Verdicts,
+    probability: Float[Array, "N"],
+    is_decided: Bool[Array, "N"],
     is_own: Bool[Array, "N"],
     moves: Float[Array, "N"],
     stays: Float[Array, "N"],
@@ -188,15 +207,15 @@ def _calibrate(
     def by_kind(end: int) -> Float[Array, "N"]:
         decided = jnp.where(is_own, NEW[end], KNOWN[end])
         is_open = jnp.where(is_own, OPEN_NEW[end], OPEN_KNOWN[end])
-        return _log_odds(jnp.where(verdicts.is_decided, decided, is_open))
+        return _log_odds(jnp.where(is_decided, decided, is_open))
 
     low, high = by_kind(0), by_kind(1)
     most = math.log(1.0 / LEAST_BELIEF - 1.0)
-    belief = _log_odds(verdicts.probability) / most
+    belief = _log_odds(probability) / most
     # Nothing confirms later what was decided of an object that is found elsewhere every time, and
     # others like it come and go where a class moves.
     left = (1.0 - MOVING_LOSS * moves) * (1.0 - MOVING_CLASS_LOSS * (1.0 - stays))
-    belief *= jnp.where(verdicts.is_decided, left, 1.0)
+    belief *= jnp.where(is_decided, left, 1.0)
     return jax.nn.sigmoid(low + (high - low) * (belief + 1.0) / 2.0)
 
 

@@ -18,7 +18,7 @@ from remind_jax.decision import Outcome, Overflow, Reason
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import batch_max, branch
 from remind_jax.plus import clock
-from remind_jax.plus.answers import conclude, report
+from remind_jax.plus.answers import believe, conclude, report
 from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
 from remind_jax.plus.cropping import find_cropped_doubles
 from remind_jax.plus.crossing import carry_courses, course_odds
@@ -314,7 +314,7 @@ def _recognize(
         fresh=here.fresh | choice.born,
         named=here.named | (decisions.outcome == int(Outcome.NEW)),
         leans_new=choice.slot == NO_SLOT,
-        belief=verdicts.probability,
+        belief=believe(verdicts, here),
     )
     sure = sightings.valid & (slot != NO_SLOT)
     row = rows_of(slot, sure, static.num_objects)

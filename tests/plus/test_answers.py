@@ -9,7 +9,7 @@ import pytest
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.answers import report
-from remind_jax.plus.verdicts import no_verdicts
+from remind_jax.plus.verdicts import Stage, no_verdicts
 from tests.plus.frames import STATIC, T, detections, tracklets_of
 
 KNOWN, OTHER, OWN = 2, 3, 7
@@ -27,6 +27,8 @@ def report_one(
     stays=1.0,
     size=1.0,
     trust=1.0,
+    stage=Stage.NONE,
+    num_moves=0.0,
 ):
     """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
 
@@ -36,6 +38,7 @@ def report_one(
     if valid:
         verdicts.tracklet_id[0], verdicts.answer_id[0] = OWN, answer
     verdicts.option_id[0, :2], verdicts.is_decided[0] = (KNOWN, OTHER), decided
+    verdicts.stage[0] = stage
     verdicts.probability[0] = {KNOWN: belief[0], OTHER: belief[1], OWN: 1 - sum(belief)}[answer]
     seen = detections([[1, 1], [2, 2], [3, 3]], size=np.full(3, size, np.float32))
     here = tracklets_of(
@@ -45,6 +48,7 @@ def report_one(
         named=np.array([named, False, False]),
         slot=np.full(3, NO_SLOT, np.int32),
         trust=np.full(3, trust, np.float32),
+        num_moves=np.full(3, num_moves, np.float32),
     )
     present = np.array([True, False, False])
     moving, staying = (np.full(3, share, np.float32) for share in (moves, stays))
@@ -121,6 +125,18 @@ def test_the_new_id_of_a_small_object_waits_until_it_is_more_certain():
     assert report_one([0.3, 0.0], answer=OWN, size=1.0).object_id[0] == OWN
     assert report_one([0.001, 0.0], answer=OWN, size=0.2).object_id[0] == OWN
     assert report_one([0.7, 0.0], size=0.2).object_id[0] == KNOWN, "a known object need not"
+
+
+def test_what_is_decided_as_new_and_was_never_whole_is_believed_less():
+    now = {"decided": True, "stage": Stage.OPEN}
+    for known, least, most in ((0.01, 0.7, 0.9), (0.3, 0.5, 0.6)):
+        cut, whole = (
+            report_one([known, 0.0], answer=OWN, num_moves=num, **now) for num in (0.0, 3.0)
+        )
+        assert cut.object_id[0] == whole.object_id[0] == OWN
+        assert least < cut.confidence[0] < most < whole.confidence[0]
+    known = [report_one([0.99, 0.0], num_moves=num, **now).confidence[0] for num in (0.0, 3.0)]
+    assert known[0] == known[1], "what it is like is seen"
 
 
 @pytest.mark.parametrize(
