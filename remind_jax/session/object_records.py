@@ -23,7 +23,7 @@ from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.outputs.run_records import KnownObject
 from remind_jax.session.answers import as_merged
 from remind_jax.session.object_pictures import Pictures, best_of
-from remind_jax.tracks import Tracks, title_of
+from remind_jax.tracks import Tracks
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -250,6 +250,17 @@ class ObjectRecords:
 
     def rename(self, object_id: int, name: str) -> None:
         """Calls an object by a name, as `Tracker.rename`; by class and id if it is empty."""
+        members = self.members(self.check_known(object_id))
+        shown = self._records.keys() - self.merges.keys() - self.names.keys() - {*members}
+        for one in shown if isinstance(name, str) else ():
+            if f"{self._records[one].label} {one}" == name.strip():
+                raise SourceError(
+                    f"object {one} is shown as '{name}'; give another name, or merge the two"
+                )
+        self.call(object_id, name)
+
+    def call(self, object_id: int, name: str) -> None:
+        """`rename`, whatever is shown of others: those of later frames may be shown as anything."""
         object_id = self.check_known(object_id)
         if not isinstance(name, str) or len(name) > MAX_LABEL or on_one_line(name) != name:
             raise SourceError(
@@ -257,17 +268,12 @@ class ObjectRecords:
                 f"most {MAX_LABEL} characters"
             )
         name = name.strip()
-        members, names = self.members(object_id), self.names
+        members = self.members(object_id)
         for one, given in self.given.items():
             if name and given == name and one not in members:
                 raise SourceError(
                     f"object {self.merged_into.get(one, one)} is called '{name}' already; give "
                     "another name, or merge the two"
-                )
-        for one in self._records.keys() - self.merges.keys() - {*members} if name else ():
-            if title_of(self._records[one].label, one, names) == name:
-                raise SourceError(
-                    f"object {one} is shown as '{name}'; give another name, or merge the two"
                 )
         # Others that it was merged with keep theirs for when they are split, but for this name.
         gone = {object_id} if name else set(members)

@@ -140,6 +140,16 @@ def test_two_objects_of_one_name_are_refused(tracker):
     tracker.rename(1, "object 1")
 
 
+def test_a_name_that_another_object_is_shown_by_later_is_read_back(tracker, tmp_path):
+    tracker.merge(1, 0)
+    tracker.rename(2, "object 0")
+    tracker.split(1)
+    tracker.save(tmp_path / "memory")
+    again = Tracker()
+    again.load(tmp_path / "memory")
+    assert again.objects() == tracker.objects()
+
+
 def test_of_two_options_that_were_merged_one_is_left():
     """Another detection that had one option only stays what it was."""
     doubt = {"outcome": Outcome.AMBIGUOUS, "reason": Reason.KNOWN_BUT_AMBIGUOUS, "label": "cup"}
