@@ -1,8 +1,9 @@
 """Tracks of CVAT: the XML of video tasks, alone or in the zip that CVAT gives.
 
 Masks, boxes and polygons are read; other shapes are refused. Between two stated frames the earlier
-shape holds, as for masks in CVAT, and boxes go over to the later one in a straight line. Where a
-shape is `outside`, nothing is there until the next one.
+shape holds, and boxes go over to the later one in a straight line. Where a shape is `outside`,
+nothing is there until the next one. Polygons are written, as CVAT knows no tracks of masks: of such
+it keeps the first mask.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree
 
+import cv2
 import msgspec
 import numpy as np
 from msgspec import Meta
@@ -53,7 +55,7 @@ class _Box(_Shape, frozen=True, kw_only=True):
     rotation: float = 0.0  # in degrees
 
 
-class _Mask(_Shape, frozen=True, kw_only=True):  # read and written
+class _Mask(_Shape, frozen=True, kw_only=True):
     left: _Pixel
     top: _Pixel
     width: _Pixel
@@ -61,7 +63,7 @@ class _Mask(_Shape, frozen=True, kw_only=True):  # read and written
     rle: str  # runs in rows of its box: background, mask, background, ...
 
 
-class _Polygon(_Shape, frozen=True, kw_only=True):
+class _Polygon(_Shape, frozen=True, kw_only=True):  # read and written
     points: str  # "x,y;x,y;x,y"
 
 
@@ -250,10 +252,10 @@ def _fill_gaps(track: list[_Sight]) -> list[_Sight]:
 def to_cvat(
     run: Sequence[Tracks], name: str, class_names: Sequence[str], frame_size: tuple[int, int]
 ) -> bytes:
-    """CVAT for video 1.1: one track per firm identity, its mask in every processed frame.
+    """CVAT for video 1.1: one track per firm identity, its outline in every processed frame.
 
-    Its label is that of most of its sights. In between, a mask holds. Where an identity is out of
-    view, its last mask is marked `outside`.
+    Its label is that of most of its sights. Where an identity is out of view, its last outline is
+    marked `outside`.
     """
     root = ElementTree.Element("annotations")
     _add(root, "version", "1.1")
@@ -261,7 +263,7 @@ def to_cvat(
     numbers = [tracks.source_index for tracks in run]
     _add(task, "name", printable(name))
     steps = {*np.diff(numbers).tolist()} or {1}
-    is_even = bool(numbers) and len(steps) == 1  # else masks hold in frames that were passed over
+    is_even = bool(numbers) and len(steps) == 1  # else outlines hold in frames passed over
     _add(task, "size", len(numbers) if is_even else max(numbers, default=-1) + 1)
     if is_even:
         _add(task, "start_frame", numbers[0])
@@ -280,7 +282,7 @@ def to_cvat(
         named = {"id": str(object_id), "label": printable(label_of[object_id])}
         track = ElementTree.SubElement(root, "track", named, source="automatic")
         for (index, row), (following, _) in pairwise([*sights, (len(run), 0)]):
-            shape = _mask_shape(run[index], row, numbers[index])
+            shape = _Polygon(frame=numbers[index], points=_outline(run[index].rles[row]))
             _add_shape(track, shape)
             if following > index + 1:
                 gone = msgspec.structs.replace(shape, frame=numbers[index + 1], outside=True)
@@ -299,18 +301,28 @@ def _sights(run: Sequence[Tracks]) -> dict[int, list[tuple[int, int]]]:
     return dict(sorted(sights.items()))
 
 
-def _mask_shape(tracks: Tracks, row: int, frame: int) -> _Mask:
-    left, top, width, height = mask_box(tracks.rles[row])
-    part = decode_mask(tracks.rles[row])[top : top + height, left : left + width].ravel()
-    changes = np.flatnonzero(np.diff(part, prepend=0))
-    runs = ", ".join(map(str, np.diff(changes, prepend=0, append=part.size)))
-    return _Mask(frame=frame, left=left, top=top, width=width, height=height, rle=runs)
+def _outline(rle: Rle) -> str:
+    """One polygon around all parts of a mask and its holes, which lines there and back join.
+
+    It runs a quarter of a pixel within the mask, so that the centers of its pixels are inside and
+    no others: it is read as the same mask.
+    """
+    left, top, width, height = mask_box(rle)
+    part = decode_mask(rle)[top : top + height, left : left + width]
+    halves = np.repeat(np.repeat(part, 2, axis=0), 2, axis=1)
+    rings, _ = cv2.findContours(halves, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    path, *others = [ring.reshape(-1, 2) for ring in rings]
+    for ring in others:
+        at = int(np.argmin(((path - ring[0]) ** 2).sum(axis=1)))
+        path = np.concatenate([path[: at + 1], ring, ring[:1], path[at:]])
+    corners = (path + 0.5) / 2 + (left, top)
+    return ";".join(f"{x:.2f},{y:.2f}" for x, y in corners.tolist())
 
 
-def _add_shape(track: ElementTree.Element, shape: _Mask) -> None:
+def _add_shape(track: ElementTree.Element, shape: _Polygon) -> None:
     said = msgspec.structs.asdict(shape) | {"occluded": 0, "keyframe": 1, "z_order": 0}
     text = {name: str(int(v) if isinstance(v, bool) else v) for name, v in said.items()}
-    ElementTree.SubElement(track, "mask", text)
+    ElementTree.SubElement(track, "polygon", text)
 
 
 def _add(parent: ElementTree.Element, name: str, text: Any = None) -> ElementTree.Element:

@@ -259,18 +259,18 @@ function ask(key) {
 /** The identity that somebody typed: a number, `new`, or `none`; undefined if there is no such. */
 function targetOf(text) {
   const word = text.trim().toLowerCase();
-  if (word === "" || word === "new") return nextId();
+  const named = run.identities.find((who) => who.name.toLowerCase() === word);
+  if (named) return named.id;
+  if (word === "new") return nextId();
   if (word === "none" || word === "nobody" || word === "-") return NOBODY;
-  const number = /(\d+)$/.exec(word);
-  const id = number ? Number(number[1]) : NaN;
-  return run.identities.some((who) => who.id === id) ? id : undefined;
+  return /^\d+$/.test(word) ? run.identities.find((who) => who.id === Number(word))?.id : undefined;
 }
 
 function answer(to) {
   const { position, row } = picked;
   const id = labels[position][row], frame = run.frames[position].frame;
   const into = to === NOBODY ? null : to;
-  if (to === undefined) { say("There is no such identity; type its number, new, or none."); return; }
+  if (to === undefined) { say("There is no such identity; type its number or name, new, or none."); return; }
   if (to === id) { say("It is that already."); return; }
   if (id === NOBODY || asking === "d") {
     add({ edit: "assign", frame, detection: row, to: into });

@@ -360,7 +360,8 @@ function drawLanes() {
     pen.globalAlpha = 0.4;
     bar([lane.seen[0][0], lane.seen.at(-1)[1]], middle - 0.5, 1, lane.color);
     pen.globalAlpha = 1;
-    for (const seen of lane.seen) bar(seen, top + 3, laneHeight - 6, lane.color);
+    const height = Math.max(3, laneHeight - 6);
+    for (const seen of lane.seen) bar(seen, middle - height / 2, height, lane.color);
     for (const candidate of lane.candidate) bar(candidate, middle - 2, 4, "#ffffff");
     for (const position of lane.returns) drawReturn(pen, x(position), middle);
   });

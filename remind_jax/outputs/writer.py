@@ -326,7 +326,8 @@ def _prepare_folder(folder: Path, overwrite: bool, resume: bool) -> None:
     files.make_folder(folder)
     check_folder(folder, overwrite, resume)
     # What was made of the run that was there shows another one.
-    names = (*FILE_NAMES, TRACE_NAME, LABEL_PAGE_NAME, CVAT_NAME)
-    for name in [f"{name}.part" for name in names] + ([] if resume else list(names)):
+    made_of_it, own = (LABEL_PAGE_NAME, CVAT_NAME), (*FILE_NAMES, TRACE_NAME)
+    parts = (f"{name}.part" for name in (*own, *made_of_it))
+    for name in (*parts, *made_of_it, *(() if resume else own)):
         with files.writing(folder / name):
             (folder / name).unlink(missing_ok=True)

@@ -75,8 +75,8 @@ class LabelMaps:
         lacking = num_frames - len(self._file_of)
         if lacking > 0:
             self.notes.append(
-                f"{lacking} of {num_frames} frames of '{reader.name}' have no annotation and count "
-                "as frames without detections"
+                f"{lacking} of {num_frames} frames of '{reader.name}' have no annotation; those "
+                "that are read count as frames without detections"
             )
         unused = sorted(set(files) - set(self._file_of.values()))
         if unused:

@@ -10,6 +10,7 @@ from remind_jax.formats.firm import firm_rows
 from remind_jax.masks.run_length import decode_mask
 from remind_jax.metrics.scene_evaluation import evaluate
 from remind_jax.outputs.result import Result
+from tests.outputs import fake_run
 from tests.outputs.fake_run import make_info, make_run
 
 HEAD = (
@@ -155,3 +156,15 @@ def test_cvat_gives_the_run_back(tmp_path):
     assert (rows.num_frames, rows.source_frames) == (result.tracks[-1].source_index + 1, None)
     write_cvat(Result((), make_info()), tmp_path / "empty.xml")
     assert (tmp_path / "empty.xml").stat().st_size > 0
+
+
+def test_outlines_are_the_masks_with_their_parts_and_holes(tmp_path):
+    random = np.random.default_rng(0)
+    masks = random.random((24, 12, 9)) < np.linspace(0.05, 0.98, 24)[:, None, None]
+    masks[:, 5, 5] = True
+    run = [fake_run.make_tracks(i, one[None], [{"object_id": 0}]) for i, one in enumerate(masks)]
+    (tmp_path / "run.xml").write_bytes(to_cvat(run, "run", ["object"], (12, 9)))
+    rows = read_cvat(tmp_path / "run.xml")
+    assert rows.rles is not None
+    np.testing.assert_array_equal([decode_mask(rle) > 0 for rle in rows.rles], masks)
+    assert "<mask" not in (tmp_path / "run.xml").read_text(), "CVAT knows no tracks of masks"

@@ -150,6 +150,8 @@ def test_the_file_is_saved_by_a_download(page, tmp_path):
 def test_an_unknown_identity_is_told(page):
     press(page, "m")
     assert text_of(page, "#label-said").startswith("Pick a detection first")
-    press(page, "1", "m", "99", Keys.ENTER)
-    assert text_of(page, "#label-said").startswith("There is no such identity")
+    for word in ("99", "1.5", "-1", "shelf 1", ""):
+        press(page, "1", "m", word, Keys.ENTER)
+        assert text_of(page, "#label-said").startswith("There is no such identity"), word
+        press(page, Keys.ESCAPE)
     assert edits_of(page) == []

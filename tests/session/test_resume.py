@@ -219,6 +219,16 @@ def test_other_code_of_an_own_method_is_refused_where_it_can_be_told(tmp_path, m
     assert track(out, resume=True).complete
 
 
+def test_what_was_made_of_a_part_goes(tmp_path, whole):
+    out = tmp_path / "run"
+    break_off(out, 4)
+    for name in ("label.html", "cvat.xml"):
+        (out / name).write_text("of four frames")
+    track(out, resume=True)
+    assert compare_runs(whole, out) == []
+    assert not {"label.html", "cvat.xml"} & {file.name for file in out.iterdir()}
+
+
 def test_another_source_in_a_finished_folder_is_refused(whole):
     with pytest.raises(OutputError, match="was begun with name 'frames', not 'other'"):
         track(whole, resume=True, name="other")

@@ -87,7 +87,8 @@ def test_missing_annotation_is_a_frame_without_detections(tmp_path):
     source = open_source(tmp_path)
     assert labels_of(source) == [("cup", "desk_lamp"), (), ("cup", "desk_lamp")]
     assert source.notes == [
-        "1 of 3 frames of 'room' have no annotation and count as frames without detections"
+        "1 of 3 frames of 'room' have no annotation; those that are read count as frames "
+        "without detections"
     ]
 
 
