@@ -95,7 +95,9 @@ class Detections:
         try:
             keep = np.asarray(keep)
             rows = np.arange(len(self))[keep if keep.size else keep.astype(int)]
-        except (IndexError, ValueError, TypeError) as error:
+            if rows.ndim != 1:
+                raise ValueError("they are no list")
+        except (IndexError, ValueError, TypeError, OverflowError) as error:
             raise SourceError(
                 f"of {len(self)} detections {reprlib.repr(keep)} cannot be selected "
                 f"({first_line(error)}); give row numbers, or one truth value per detection"

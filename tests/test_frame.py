@@ -36,3 +36,10 @@ def test_a_frame_beyond_all_measure_is_refused():
     image = np.broadcast_to(np.uint8(3), (100_000, 100_000, 3))
     with pytest.raises(SourceError, match="frames of 100000x100000 pixels cannot be tracked"):
         check_frame(frame_of(image, 0))
+
+
+def test_a_list_of_rows_is_selected_and_nothing_else():
+    detections = Detections.create(np.ones((2, 2, 2)))
+    for wrong in (0, True, [[0, 1]], 2**63):
+        with pytest.raises(SourceError, match="cannot be selected"):
+            detections.select(wrong)

@@ -86,7 +86,7 @@ class Memory:
         from remind_jax.session.memory_file import MemoryFile, load_memory
 
         # A link to the memory in use stays one.
-        file = MemoryFile((self.out or path).resolve(), is_read=self.out is None)
+        file = MemoryFile(files.resolve(self.out or path), is_read=self.out is None)
         memory = load_memory(path)
         said = []
         if change is not None:

@@ -18,5 +18,6 @@ from remind_jax.files.saving import remove_unfinished as remove_unfinished
 from remind_jax.files.saving import replace_file as replace_file
 from remind_jax.files.saving import replacing as replacing
 from remind_jax.files.saving import replacing_folder as replacing_folder
+from remind_jax.files.saving import resolve as resolve
 from remind_jax.files.saving import user_cache_folder as user_cache_folder
 from remind_jax.files.saving import writing as writing

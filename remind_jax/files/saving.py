@@ -31,9 +31,9 @@ def refuse_folder(
     Raises:
       OutputError: If the folder is an input, or holds one.
     """
-    out = _resolve(folder)
+    out = resolve(folder)
     held = {path.name for path in folder.iterdir()} if ours and folder.is_dir() else set()
-    for path in map(_resolve, _paths(inputs)):
+    for path in map(resolve, _paths(inputs)):
         if out == path or (out in path.parents and not may_hold):
             what = "is" if out == path else "holds"
             raise OutputError(
@@ -58,8 +58,8 @@ def refuse_file(
     Raises:
       OutputError: If the file is an input, or one of the files of an input folder.
     """
-    out = _resolve(file)
-    for path in map(_resolve, _paths(inputs)):
+    out = resolve(file)
+    for path in map(resolve, _paths(inputs)):
         if out == path or (path in out.parents and out.exists() and is_read(out.name)):
             where = "is" if out == path else f"belongs to '{path}', which is"
             raise OutputError(f"the output '{file}' {where} an input; choose another name")
@@ -69,7 +69,7 @@ def _paths(values: Iterable[Any]) -> list[Path]:
     return [Path(value) for value in values if isinstance(value, (str, os.PathLike))]
 
 
-def _resolve(path: Path) -> Path:
+def resolve(path: Path) -> Path:
     """Where a path leads to, links followed. Raises OutputError if it leads nowhere."""
     try:
         return path.expanduser().resolve()

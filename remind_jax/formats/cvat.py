@@ -95,7 +95,7 @@ def looks_like_cvat(path: Path) -> bool:
         return True
     if not zipfile.is_zipfile(path):
         return False
-    with zipfile.ZipFile(path) as archive:
+    with files.reading(path), zipfile.ZipFile(path) as archive:
         return NAME_IN_ZIP in archive.namelist()
 
 
@@ -122,6 +122,11 @@ def read_cvat(path: str | Path) -> TrackRows:
     sights = [sight for _, found in tracks for sight in found if sight != _Sight(sight.frame)]
     if not (is_chosen := bool(shown) and all(sight.frame in shown for sight in sights)):
         shown = range(min(limits.MAX_FRAMES, max([stated, *(one.frame + 1 for one in sights)])))
+    num_rows = sum(found[-1].frame - found[0].frame + 1 for _, found in tracks if found)
+    if num_rows > limits.MAX_ROWS:
+        raise SourceError(
+            f"'{path}' has tracks over {num_rows} frames in all; at most {limits.MAX_ROWS} are read"
+        )
     class_names = sorted({track.label for track, _ in tracks})
     has_masks = any(sight.rle is not None for sight in sights)
     if has_masks and size is None:
@@ -160,6 +165,8 @@ def _parse(path: Path) -> ElementTree.Element:
             if archive.getinfo(NAME_IN_ZIP).file_size > limits.MAX_XML_BYTES:
                 raise ValueError(f"{NAME_IN_ZIP} has over {limits.MAX_XML_BYTES >> 20} MiB")
             data = archive.read(NAME_IN_ZIP)
+    if b"\0" in data:
+        raise ValueError("it is no text in UTF-8, as CVAT writes it")
     # CVAT declares no entities; whoever does may make them as long as memory.
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise ValueError("its DOCTYPE declares entities, which are not read")

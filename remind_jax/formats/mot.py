@@ -226,10 +226,11 @@ def _require_class(class_id: int, *sides: TrackRows) -> None:
     """Makes sure that a class is there, if there are classes at all."""
     present = set(np.concatenate([rows.text_class for rows in sides]).tolist())
     present -= {UNKNOWN_CLASS} if sides[0].rles is None else {UNKNOWN_CLASS, MOTS_IGNORE_CLASS}
-    if present and class_id not in present:
+    are_boxes = sides[0].rles is None and any(map(len, sides))
+    if (present or are_boxes) and class_id not in present:
         raise SourceError(
             f"{' and '.join(rows.file for rows in sides)} has no row of class {class_id}; it has "
-            f"{', '.join(map(str, sorted(present)))}"
+            f"{', '.join(map(str, sorted(present))) or 'none that says its class'}"
         )
 
 

@@ -101,7 +101,7 @@ def parse_where(where: bool | str) -> tuple[str, int]:
         return DEFAULT_HOST, DEFAULT_PORT
     host, _, port = str(where).rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
-    is_port = port.isascii() and port.isdigit() and int(port) < 1 << 16
+    is_port = port.isascii() and port.isdigit() and len(port) < 6 and int(port) < 1 << 16
     if not isinstance(where, str) or not is_port or not host or "/" in host:
         raise OptionError(
             f"'live' is {where!r}; give HOST:PORT, as {DEFAULT_HOST}:{DEFAULT_PORT}, or nothing "

@@ -184,6 +184,12 @@ def _open_json(path: Path, truth: SceneSet | None) -> SceneSet:
             "number only; give truth in the JSON of the same data set"
         )
     groups = group_by_video(content, file)
+    unknown = next((number for number in groups if number not in index.videos), None)
+    if unknown is not None and groups.keys() & index.videos.keys():
+        raise SourceError(
+            f"'{path}', row {groups[unknown][0][0]} is of video {unknown!r}, which is not among "
+            "the `videos`; give the id of one of these"
+        )
     if groups and not groups.keys() & index.videos.keys():
         raise SourceError(
             f"'{path}' has rows of video {next(iter(groups))!r} and the like, and none of a video "

@@ -12,6 +12,7 @@ from typing import Any
 
 from remind_jax.errors import OptionError, RemindError, SourceError
 from remind_jax.files import as_path
+from remind_jax.files.limits import MAX_FRAMES
 from remind_jax.formats.mot import DEFAULT_MOTS_CLASS, fit_texts
 from remind_jax.metrics.comparison import ComparisonTable, Row
 from remind_jax.metrics.evaluation import (
@@ -36,6 +37,7 @@ from remind_jax.metrics.scene_stream import (
 from remind_jax.metrics.sequence import ANY_CLASS
 from remind_jax.printing.small_table import SmallTable
 from remind_jax.printing.words import plural
+from remind_jax.settings.ranges import check_option, check_switch
 
 COLUMNS = (
     *("HOTA", "DetA", "AssA", "IDF1", "IDP", "IDR", "MOTA", "Recovery", "HardRecovery"),
@@ -55,6 +57,12 @@ class SceneOptions:
     undecided: Undecided = "strict"  # what becomes of undecided detections of a run
     by_class: bool = False  # also score every class apart, where both sides name classes
     min_absence_frames: int = 1  # processed frames out of view that make a return
+
+    def __post_init__(self) -> None:
+        for name, least in (("num_frames", 1), ("class_id", 0), ("min_absence_frames", 1)):
+            if (value := getattr(self, name)) is not None:
+                check_option(name, value, least, MAX_FRAMES)
+        check_switch("by_class", self.by_class)
 
     def check_used_by(self, truth: Format, predictions: Format) -> None:
         """Refuses options for text of one format on both sides where a side is something else.

@@ -230,6 +230,12 @@ class Result(Printable):
         info, tracks, run = store.read_run(run_dir)
         if names := info.object_names:
             tracks = tuple(dataclasses.replace(frame, names=names) for frame in tracks)
+        if run is not None and run.info.tracker != info.tracker:
+            raise OutputError(
+                f"'{run_dir}' holds parts of two runs: {store.RUN_NAME} is of tracker "
+                f"'{run.info.tracker}', {store.DETECTIONS_NAME} of '{info.tracker}'; restore the "
+                "folder, or run again"
+            )
         trace = open_archive(run_dir, info.tracker)
         if run is None:
             return cls(tracks, info, complete=False, trace=trace)

@@ -22,7 +22,7 @@ from remind_jax.compiled.programs import waited_s
 from remind_jax.config import Config, load_config
 from remind_jax.crops import require_room
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError
-from remind_jax.files import as_path
+from remind_jax.files import as_path, resolve
 from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_of
 from remind_jax.method import get_method
 from remind_jax.observation import AnyFeats
@@ -386,7 +386,7 @@ class Tracker(Printable):
           OutputError: If the file cannot be written.
           SourceError: If there is nothing to remember yet.
         """
-        path = as_path(path, "the memory file", OutputError).resolve()
+        path = resolve(as_path(path, "the memory file", OutputError))
         with self._alone("advance"):
             memory_file.save_memory(path, self._saved(), durably=durably)
             self._memory_files[path] = memory_file.MemoryFile(path, is_read=True)
@@ -405,7 +405,7 @@ class Tracker(Printable):
             call; the memory before is kept.
           SourceError: If there is nothing to remember yet.
         """
-        path = as_path(path, "the memory file", OutputError).resolve()
+        path = resolve(as_path(path, "the memory file", OutputError))
         with self._alone("advance"):
             self._let_files_go(but=path)
             file = self._memory_files.setdefault(path, memory_file.MemoryFile(path))
@@ -429,7 +429,7 @@ class Tracker(Printable):
             none are compared (or without), or with room for other switches.
         """
         read = memory_file.MemoryFile(
-            as_path(path, "the memory file", OutputError).resolve(), is_read=True
+            resolve(as_path(path, "the memory file", OutputError)), is_read=True
         )
         memory = memory_file.load_memory(path)
         check_tracker(memory, self.method.name, path)

@@ -135,7 +135,7 @@ def check_option(name: str, value: Any, least: float, most: float, *, whole: boo
     """
     kinds = numbers.Integral if whole else numbers.Real
     is_number = isinstance(value, kinds) and not isinstance(value, bool)
-    if is_number and least <= float(value) <= most:
+    if is_number and least <= value <= most:  # pyright: ignore[reportOperatorIssue]
         return
     shown = f"{value:g}" if isinstance(value, float) else reprlib.repr(value)
     kind = "whole number" if whole else "number"

@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from remind_jax.errors import SourceError
 from remind_jax.files.host_array import host_array
 from remind_jax.formats.pictures import decode_image
-from remind_jax.frame import UNTIMED_FPS, Detections, Frame
+from remind_jax.frame import UNTIMED_FPS, Detections, Frame, check_frame
 from remind_jax.sources.detections import ClassNaming, detections_from
 from remind_jax.sources.file_tree import read_of_frame
 from remind_jax.sources.source import Content, Entry, Report
@@ -66,6 +66,7 @@ class ItemReader:
             iterator = map(_copied, iterator)
         for index, item in enumerate(iterator):
             if isinstance(item, Frame):
+                check_frame(item)
                 read = functools.partial(Content, item.image, item.detections, item.features)
                 yield Entry(item.source_index, item.time_s, item.name, read, item.is_timed)
                 continue

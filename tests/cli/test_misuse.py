@@ -54,6 +54,7 @@ WRONG_USAGE = {
     "run a.mp4 --fps 1_0.5": "'1_0.5' is no number",
     "run a.mp4 --confidnce 0.3": "--confidence",
     "run --live 0 --no-overlay": "SOURCE",
+    f"{RUN} --live {'9' * 5000}": "give HOST:PORT",
     f"{RUN} --image-fps 0": "--image-fps is 0; give a number from 1e-06 to 1000000",
     f"{RUN} --classes": "Error parsing --classes: nothing follows it",
     f"{RUN} --ignored-classes": "Error parsing --ignored-classes: nothing follows it",

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.formats.cvat import read_cvat, to_cvat
+from remind_jax.formats.cvat import looks_like_cvat, read_cvat, to_cvat
 from remind_jax.formats.firm import firm_rows
 from remind_jax.masks.run_length import decode_mask
 from remind_jax.metrics.scene_evaluation import evaluate
@@ -168,3 +168,20 @@ def test_outlines_are_the_masks_with_their_parts_and_holes(tmp_path):
     assert rows.rles is not None
     np.testing.assert_array_equal([decode_mask(rle) > 0 for rle in rows.rles], masks)
     assert "<mask" not in (tmp_path / "run.xml").read_text(), "CVAT knows no tracks of masks"
+
+
+def test_what_would_take_too_much_is_refused(tmp_path):
+    shapes = box(0, (0, 0, 2, 2)) + box(9_999_999, (0, 0, 2, 2))
+    tracks = "".join(f'<track id="{i}" label="a">{shapes}</track>' for i in range(2))
+    (tmp_path / "a.xml").write_text(f"{HEAD}{tracks}</annotations>")
+    with pytest.raises(SourceError, match="over 20000000 frames in all; at most"):
+        read_cvat(tmp_path / "a.xml")
+    (tmp_path / "b.xml").write_text(f"{HEAD}</annotations>", encoding="utf-16")
+    with pytest.raises(SourceError, match="no text in UTF-8"):
+        read_cvat(tmp_path / "b.xml")
+    with zipfile.ZipFile(tmp_path / "c.zip", "w") as archive:
+        archive.writestr("annotations.xml", f"{HEAD}</annotations>")
+    damaged = (tmp_path / "c.zip").read_bytes().replace(b"PK\1\2", b"PK\1\3")
+    (tmp_path / "c.zip").write_bytes(damaged)
+    with pytest.raises(SourceError, match=r"'.*c\.zip' is damaged"):
+        looks_like_cvat(tmp_path / "c.zip")

@@ -141,3 +141,6 @@ def test_a_class_that_nothing_has_is_refused(tmp_path: Path):
     assert len(fit_texts(rows, rows, class_id=3)[0]) == 1
     with pytest.raises(SourceError, match="has no row of class 99; it has 3"):
         fit_texts(rows, rows, class_id=99)
+    plain = read_text_rows(write(tmp_path / "plain.txt", "1,1,1,1,5,5"), "a", "mot", is_truth=True)
+    with pytest.raises(SourceError, match="it has none that says its class"):
+        fit_texts(plain, plain, class_id=3)

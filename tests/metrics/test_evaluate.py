@@ -6,6 +6,7 @@ import pytest
 from remind_jax.decision import Outcome
 from remind_jax.errors import RemindError, SourceError
 from remind_jax.metrics import evaluate, evaluate_tracks, pool_evaluations
+from remind_jax.metrics.scene_evaluation import SceneOptions
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_tracks
 
@@ -104,3 +105,11 @@ def test_unknown_formats_are_refused():
         match="format is 'coco-vid'; did you mean 'coco-video'",
     ):
         evaluate("gt", "pred", format=unknown)
+
+
+def test_options_that_cannot_be_are_refused():
+    for name, wrong in (("num_frames", 4.5), ("class_id", "x"), ("min_absence_frames", 0)):
+        with pytest.raises(RemindError, match=f"'{name}' is"):
+            SceneOptions(**{name: wrong})
+    with pytest.raises(RemindError, match="by_class"):
+        SceneOptions(by_class="no")  # pyright: ignore[reportArgumentType]

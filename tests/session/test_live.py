@@ -160,6 +160,15 @@ def test_what_another_program_wrote_is_not_overwritten(tmp_path):
     assert other.objects()[0].name == "precious"
 
 
+def test_a_path_that_leads_nowhere_is_refused(tmp_path):
+    tracker, loop = Tracker(CONFIG), tmp_path / "loop.safetensors"
+    loop.symlink_to(loop)
+    tracker.update(*frames(1)[0])
+    for use in (tracker.load, tracker.save, tracker.checkpoint):
+        with pytest.raises(OutputError, match="'.*loop.safetensors' cannot be used"):
+            use(loop)
+
+
 def test_what_another_program_wrote_is_kept_beside_other_files(tmp_path):
     tracker, other = Tracker(CONFIG), Tracker(CONFIG)
     kept, second = tmp_path / "kept.safetensors", tmp_path / "second.safetensors"

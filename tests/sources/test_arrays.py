@@ -126,3 +126,10 @@ def test_masks_and_sampling_that_do_not_fit_the_frames_are_told():
     ):
         with pytest.raises(SourceError, match=told):
             list(open_source(frames, **options))
+
+
+def test_a_frame_that_is_none_is_refused():
+    for wrong in ({"name": None}, {"source_index": None}, {"image": "x.png"}):
+        frame = Frame(**{**dict(index=0, source_index=0, time_s=0.0, name="a"), **wrong})
+        with pytest.raises(SourceError, match="frame"):
+            list(open_source([frame]))

@@ -4,7 +4,7 @@ import pytest
 from remind_jax.errors import SourceError
 from remind_jax.metrics.opening import open_scenes
 from remind_jax.sources import open_source
-from remind_jax.sources.label_maps import match_annotations
+from remind_jax.sources.label_maps import instance_ids_in, match_annotations
 from tests.sources import making
 
 
@@ -116,3 +116,11 @@ def test_an_instance_255_that_has_a_class_is_one(tmp_path):
     assert frame.detections.labels == ("cup", "box")
     scenes = open_scenes(tmp_path)
     assert scenes.read(*scenes.files).track_id.tolist() == [1, 255]
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_ids_of_a_map_that_repeats_a_pixel(dtype):
+    """OpenCV would read past the end of it."""
+    for number in (0, 7):
+        labels = np.broadcast_to(dtype(number), (480, 640))
+        assert instance_ids_in(labels) == [number][: number > 0]
