@@ -165,7 +165,7 @@ def test_a_path_that_leads_nowhere_is_refused(tmp_path):
     loop.symlink_to(loop)
     tracker.update(*frames(1)[0])
     for use in (tracker.load, tracker.save, tracker.checkpoint):
-        with pytest.raises(OutputError, match="'.*loop.safetensors' cannot be used"):
+        with pytest.raises(OutputError, match=r"'.*loop\.safetensors' cannot be used"):
             use(loop)
 
 
