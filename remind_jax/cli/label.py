@@ -62,6 +62,11 @@ class Label:
                 f"{page}: {len(result.objects())} identities, {num} detections; open it in a "
                 "browser, and apply what it saves with --apply"
             )
+            if not result.complete:
+                print_lines(
+                    "the run is not complete, and corrections are of this part of it only; go on "
+                    "with it (--resume) first"
+                )
 
     def _write_truth(self, edits_file: Path, out: Path) -> None:
         from remind_jax.formats.cvat import to_cvat

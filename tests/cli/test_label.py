@@ -33,6 +33,10 @@ def test_the_page_lies_in_the_folder_of_the_run(command, run):
     assert '"labeling":{' in page
     assert "prepareLabeling();" in page
     assert "{{" not in page
+    assert "not complete" not in outcome.stdout
+    told = json.loads((run / "run.json").read_text())
+    (run / "run.json").write_text(json.dumps({**told, "complete": False}))
+    assert "the run is not complete" in command("label", run).stdout
 
 
 @pytest.mark.parametrize("name", ["truth", "truth.xml"])
