@@ -72,8 +72,6 @@ class Eval:
 
         check_option("resamples", self.resamples, 0, _MAX_RESAMPLES)
         check_option("min_absence_frames", self.min_absence_frames, 1, MAX_FRAMES)
-        if self.num_frames is not None:
-            check_option("num_frames", self.num_frames, 1, MAX_FRAMES)
         for path in (*self._table_files, *([] if self.json is None else [self.json])):
             refuse_file(path, (self.truth, *self.predictions), is_read=_may_be_tracks)
             (check_place if path == self.json else check_table_place)(path)

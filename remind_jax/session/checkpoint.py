@@ -79,7 +79,8 @@ class Header(msgspec.Struct, frozen=True):
         if was.get(_CODE) is None or given.get(_CODE) is None:  # nobody can tell
             was[_CODE] = given[_CODE] = None
         if not self.info.get("options"):  # of an earlier version, which does not say
-            was = {**{name: given[name] for name in given if name.startswith(_OPTIONS)}, **was}
+            was.pop(_OPTIONS, None)
+            was |= {name: given[name] for name in given if name.startswith(_OPTIONS)}
         for name in dict.fromkeys((*given, *was)):
             if name == "info.known_objects" and was.get(name) != given.get(name):
                 raise OutputError(

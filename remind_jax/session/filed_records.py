@@ -107,7 +107,7 @@ def from_file(parts: Sequence[tuple[FiledRecords, UInt8[np.ndarray, "_"]]]) -> O
     records = ObjectRecords(last.session, found)
     try:
         for object_id, name in last.names:
-            records.call(object_id, name)
+            records.restore_name(object_id, name)
         for gone, kept in last.merged:
             records.merge(kept, [gone])
     except SourceError as error:

@@ -257,10 +257,10 @@ class ObjectRecords:
                 raise SourceError(
                     f"object {one} is shown as '{name}'; give another name, or merge the two"
                 )
-        self.call(object_id, name)
+        self.restore_name(object_id, name)
 
-    def call(self, object_id: int, name: str) -> None:
-        """`rename`, whatever is shown of others: those of later frames may be shown as anything."""
+    def restore_name(self, object_id: int, name: str) -> None:
+        """`rename`, whatever others are shown as: later ones may be shown by any name."""
         object_id = self.check_known(object_id)
         if not isinstance(name, str) or len(name) > MAX_LABEL or on_one_line(name) != name:
             raise SourceError(

@@ -1,6 +1,7 @@
 """Runs that were stopped or killed go on as if they had not been; what differs is refused."""
 
 import dataclasses
+import json
 import shutil
 from pathlib import Path
 
@@ -215,8 +216,18 @@ def test_other_code_of_an_own_method_is_refused_where_it_can_be_told(tmp_path, m
             track(out, resume=True)
         own(1)
         assert track(out, resume=True).complete
+    own(1)
+    break_off(tmp_path / "other", 4)
     own(object())  # another one in every process, as what a notebook defines
-    assert track(out, resume=True).complete
+    assert track(tmp_path / "other", resume=True).complete
+
+
+def test_a_finished_run_of_an_earlier_version_says_no_options(tmp_path, whole):
+    shutil.copytree(whole, tmp_path / "run")
+    told = json.loads((tmp_path / "run" / "run.json").read_text())
+    del told["info"]["options"]
+    (tmp_path / "run" / "run.json").write_text(json.dumps(told))
+    assert track(tmp_path / "run", resume=True).complete
 
 
 def test_what_was_made_of_a_part_goes(tmp_path, whole):
