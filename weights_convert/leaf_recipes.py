@@ -176,7 +176,13 @@ def check_complete(
 
 def make_leaf(recipe: Recipe, tensors: Mapping[str, StoredTensor], file: str) -> Any:
     """The float32 array of a leaf. Raises WeightsError if it cannot be read or is not finite."""
-    arrays = [np.asarray(tensors[name].read(), np.float32) for name, _ in recipe.sources]
+    arrays = [np.asarray(tensors[name].read()) for name, _ in recipe.sources]
+    if any(array.dtype.kind in "iub" for array in arrays):
+        raise WeightsError(
+            f"'{file}', '{recipe.leaf}': it holds whole numbers, whose scale is not known; give "
+            "weights that are not quantized"
+        )
+    arrays = [array.astype(np.float32) for array in arrays]
     try:
         leaf = np.ascontiguousarray(recipe.build(*arrays), np.float32)
     except WeightsError as error:

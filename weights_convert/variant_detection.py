@@ -128,7 +128,12 @@ def _heads(
     head_width = _WIDE_HEAD_WIDTH if (family, width) == ("dinov3", _WIDE) else _HEAD_WIDTH
     if "periods" in tensors:
         head_width = 4 * _shape(tensors, "periods", 1, file)[0]
-    return max(1, width // head_width)
+    if width % head_width:
+        raise WeightsError(
+            f"no tensor of '{file}' tells the number of heads, and a width of {width} is no "
+            f"multiple of {head_width}; give it with --heads"
+        )
+    return width // head_width
 
 
 def _mlp(tensors: Mapping[str, StoredTensor], file: str) -> tuple[int, Any]:
@@ -196,9 +201,11 @@ def _check_config(variant: Variant, config: Mapping[str, Any], file: str) -> Non
         "hidden_size": variant.width,
         "num_hidden_layers": variant.depth,
         "patch_size": variant.patch_px,
+        "do_rescale": True,
+        "rescale_factor": 1 / 255,
         "do_normalize": True,
-        "image_mean": MEAN.astype(float).round(6).tolist(),
-        "image_std": STD.astype(float).round(6).tolist(),
+        "image_mean": MEAN.tolist(),
+        "image_std": STD.tolist(),
     }
     if variant.position == "rotary":
         said["rope_theta"] = ROTARY_BASE
@@ -206,12 +213,21 @@ def _check_config(variant: Variant, config: Mapping[str, Any], file: str) -> Non
         said["layer_norm_eps"] = variant.norm_eps
     if (variant.family, variant.mlp) != ("dinov2", "swiglu"):  # it says gelu, which is not asked
         said["hidden_act"] = "silu" if variant.mlp == "swiglu" else "gelu"
+    nested = config.get("rope_parameters")  # as of transformers 5
+    config = {**config, **nested} if isinstance(nested, dict) else config
     for key, value in said.items():
-        if key in config and config[key] != value:
+        if key in config and _rounded(config[key]) != _rounded(value):
             raise WeightsError(
-                f"the configuration beside '{file}' says {key} {config[key]}, not {value}; "
-                "give that of these weights, or a network that is computed so"
+                f"the configuration beside '{file}' says {key} {config[key]}, not "
+                f"{_rounded(value)}; give that of these weights, or a network that is computed so"
             )
+
+
+def _rounded(value: Any) -> Any:
+    """Numbers as configurations write them, to six digits."""
+    if isinstance(value, list):
+        return [_rounded(one) for one in value]
+    return round(value, 6) if isinstance(value, float) else value
 
 
 def _differing(variant: Variant, known: Variant) -> list[str]:

@@ -60,6 +60,7 @@ COSINES = ("duplicate", "stable_duplicate", "merge", "stable_merge", "novel")
 COSINE_DIFFERENCES = ("update_margin", "stable_margin")
 
 _QUANTILES = np.linspace(0.05, 0.95, 19)
+MAX_COSINE = 0.999  # of a threshold; what nothing reaches would keep views from being promoted
 _MIN_SPREAD = 1e-6  # of cosines that say anything
 _SHARE_LEAST = 1e-3  # of a score that a share is taken of
 
@@ -73,7 +74,7 @@ class Line:
 
     def point(self, value: float) -> float:
         """The number that takes the place of a threshold."""
-        return min(max(self.scale * value + self.offset, 0.0), 1.0)
+        return min(max(self.scale * value + self.offset, 0.0), MAX_COSINE)
 
     def difference(self, value: float) -> float:
         """The number that takes the place of a difference of cosines."""

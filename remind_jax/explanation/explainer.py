@@ -8,13 +8,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic
 
+import numpy as np
+
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import flatten, nest
-from remind_jax.decision import Decisions, Outcome, Reason
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TRACE_NAME, Record, TraceArchive
-from remind_jax.explanation.explanation import Explanation
+from remind_jax.explanation.explanation import Explanation, id_or_none
 from remind_jax.method import Method, get_method
+from remind_jax.printing.words import sentence
 from remind_jax.tracks import Tracks
 
 
@@ -60,20 +63,44 @@ class Explainer(abc.ABC, Generic[Record]):
                 f"the trace does not fit frame {frame} of the run; run again with --trace"
             )
         explanation = self._explain(record, tracks, detection)
-        if tracks.reason[detection] != Reason.SEEN_TOO_FEW_TIMES:
+        object_id = id_or_none(tracks.object_id[detection])
+        outcome, reason = Outcome(int(tracks.outcome[detection])), Reason(tracks.reason[detection])
+        decided = (explanation.object_id, explanation.outcome, explanation.reason)
+        is_unannounced = reason == Reason.SEEN_TOO_FEW_TIMES
+        if decided == (object_id, outcome, reason) and not is_unannounced:
             return explanation
-        unannounced = (
-            "What it shows was detected too few times to be announced (input.announce_after "
-            f"{self._config.input.announce_after}), so it is reported as provisional."
-        )
+        if is_unannounced:
+            why = (
+                "What it shows was detected too few times to be announced (input.announce_after "
+                f"{self._config.input.announce_after}), so it is reported as provisional."
+            )
+        elif explanation.object_id is not None:
+            why = say_merged(explanation.name, tracks, detection)
+        else:
+            why = (
+                "Of candidates, the answer counts merged objects as one, and leaves out what is "
+                "not announced yet."
+            )
         return dataclasses.replace(
             explanation,
             name=tracks.display_name(detection),
-            outcome=Outcome(int(tracks.outcome[detection])),
-            reason=Reason.SEEN_TOO_FEW_TIMES,
-            object_id=None,
-            why=(*explanation.why, unannounced),
+            outcome=outcome,
+            reason=reason,
+            object_id=object_id,
+            why=(*explanation.why, why),
         )
+
+
+def say_merged(decided: str, tracks: Tracks, row: int) -> str:
+    """The sentence on an object, by the name it was decided as, that was merged into another."""
+    if tracks.object_id[row] != NO_ID:
+        return sentence(f"{decided} was merged into {tracks.display_name(row)}")
+    holds_it = np.isin(tracks.object_id, tracks.candidate_id[row, :1])
+    other = int(np.flatnonzero(holds_it)[0])
+    return (
+        f"Its object and that of detection {other} were merged into {tracks.display_name(other)}, "
+        f"and detection {other} is the better match."
+    )
 
 
 def new_archive(method: Method) -> TraceArchive:

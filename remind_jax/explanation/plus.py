@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.explanation.archive import first_rows
-from remind_jax.explanation.explainer import Explainer
+from remind_jax.explanation.explainer import Explainer, say_merged
 from remind_jax.explanation.explanation import Explanation, Section, id_or_none, read_row
 from remind_jax.numerics.pytree import pytree
 from remind_jax.plus.answers import SMALL
@@ -146,7 +146,9 @@ class PlusExplainer(Explainer[PlusRecord]):
             why=(),
         )
         why = give_reasons(explanation, cast(PlusThresholds, self._config.thresholds))
-        return dataclasses.replace(explanation, why=(*why, *_explain_merge(explanation, tracks)))
+        if explanation.reason == Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH:
+            why = (*why, say_merged(explanation.name, tracks, row))
+        return dataclasses.replace(explanation, why=why)
 
     @functools.cached_property
     def _decided_at(self) -> dict[int, int]:
@@ -323,18 +325,6 @@ def _explain_revision(e: PlusExplanation) -> Iterator[str]:
         return
     before = "no firm answer" if e.id_without_delay is None else e.answer_name
     yield f"later frames changed the answer: {e.name}, with confidence {now}, instead of {before}"
-
-
-def _explain_merge(e: PlusExplanation, tracks: Tracks) -> Iterator[str]:
-    """Which detection has the id that merged objects share."""
-    if e.reason != Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH:
-        return
-    holds_it = np.isin(tracks.object_id, tracks.candidate_id[e.detection, :1])
-    for row in np.flatnonzero(holds_it)[:1].tolist():
-        yield (
-            f"Its object and that of detection {row} were merged into {tracks.display_name(row)}, "
-            f"and detection {row} is the better match."
-        )
 
 
 def _answer(e: PlusExplanation) -> str:

@@ -271,7 +271,8 @@ class GrowingMemory:
         if self.static.feature_dim not in (0, dim):
             raise SourceError(
                 f"the frame has features of {dim} numbers, the memory knows "
-                f"{self.static.feature_dim}; go on with the features that it was made with"
+                f"{self.static.feature_dim} (static.feature_dim of a new one, 0 for any); go on "
+                "with the features that it was made with"
             )
         if self.static.feature_dim == dim:  # as in all frames but the first
             return self.static

@@ -17,7 +17,7 @@ from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.errors import ConfigError, SweepError
 from remind_jax.method import get_method
 from remind_jax.session.delay import choose_delay
-from remind_jax.settings.ranges import check_option
+from remind_jax.settings.ranges import check_function, check_option
 from remind_jax.sources import Sampling, Source, open_source
 from remind_jax.sources.opening import check_options
 from remind_jax.sweeps.cluster import Cluster
@@ -63,6 +63,7 @@ class SceneBench:
         """
         check_options(source_options, type(self))
         check_option("memory_gib", memory_gib, 1e-3, MAX_GIB, whole=False)
+        check_function("progress", progress)
         for name, value, most in (("batch", batch, MAX_BATCH), ("workers", workers, MAX_WORKERS)):
             if value is not None:
                 check_option(name, value, 1, most)

@@ -50,7 +50,8 @@ def explain(record: FrameRecord, row: int) -> RemindExplanation:
     archive.add(0, record, {int(i): "mug" for i in record.detections.candidates.id.ravel()})
     d = record.decisions
     rows = [
-        {"label": "mug", "outcome": Outcome(int(d.outcome[i])), "object_id": int(d.object_id[i])}
+        {name: int(getattr(d, name)[i]) for name in ("outcome", "reason", "object_id")}
+        | {"label": "mug"}
         for i in range(len(record))
     ]
     tracks = make_tracks(0, np.ones((len(record), 2, 2), bool), rows)

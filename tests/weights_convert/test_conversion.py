@@ -167,11 +167,24 @@ def test_folder_with_a_pickled_file(conversion, tmp_path):
         ("config.json", {"pretrained_cfg": {"std": [0.5, 0.5, 0.5]}}, "image_std"),  # of timm
         ("preprocessor_config.json", {"image_mean": [0.5, 0.5, 0.5]}, "image_mean"),
         ("preprocessor_config.json", {"do_normalize": False}, "do_normalize"),
+        ("preprocessor_config.json", {"do_rescale": False}, "do_rescale"),
+        ("preprocessor_config.json", {"rescale_factor": 0.00784}, "rescale_factor"),
+        ("config.json", {"rope_parameters": {"rope_theta": 1e4}}, "rope_theta"),
     ],
 )
 def test_a_configuration_that_asks_for_something_else(conversion, tmp_path, file, said, told):
     (tmp_path / file).write_text(json.dumps(said))
     assert told in refusal(conversion, tiny())
+
+
+def test_what_is_quantized_has_no_scale(conversion):
+    whole = {key: np.round(100 * value).astype(np.int8) for key, value in tiny().items()}
+    assert "quantized" in refusal(conversion, whole)
+
+
+def test_heads_are_not_guessed(conversion):
+    wide = tiny("dino_tiny") | {"cls_token": np.zeros((1, 1, 96), np.float32)}
+    assert "give it with --heads" in refusal(conversion, wide, "dino_tiny", heads=None)
 
 
 def test_a_network_of_its_own_has_the_norm_of_its_configuration(conversion, tmp_path):

@@ -3,13 +3,15 @@
 import dataclasses
 import json
 
+import numpy as np
 import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
-from remind_jax.explanation.explanation import lay_out, render_frame
+from remind_jax.explanation.explanation import id_or_none, lay_out, render_frame
 from remind_jax.explanation.remind.explanation import Candidate, RemindExplanation
 from remind_jax.remind.association.gating import Gate
+from remind_jax.session.answers import as_merged
 from tests.outputs.fake_run import make_run
 from tests.outputs.traced_run import EMPTY, UNDECIDED, make_traced_run
 
@@ -47,6 +49,22 @@ def test_an_undecided_one_by_its_options(result):
     (known, again) = explanation.known_sets
     assert known.status.name == "NOT_CLOSED"
     assert known.options == again.options
+
+
+def test_of_merged_objects_it_says_what_the_run_says(result):
+    both = as_merged(dataclasses.replace(result.tracks[3], names={0: "my mug"}), {1: 0})
+    merged = dataclasses.replace(result, tracks=(both,))
+    has_id, lost = np.argsort(both.object_id == -1).tolist()
+    for row in (has_id, lost):
+        told = merged.explain(3, row)
+        said = (told.outcome, told.reason, told.object_id, told.name)
+        object_id = id_or_none(both.object_id[row])
+        assert said == (both.outcome[row], both.reason[row], object_id, both.display_name(row))
+    assert told.object_id is None
+    assert told.why[-1] == (
+        f"Its object and that of detection {has_id} were merged into my mug, and detection "
+        f"{has_id} is the better match."
+    )
 
 
 def test_json_has_the_documented_keys(result):
