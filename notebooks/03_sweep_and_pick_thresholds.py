@@ -85,14 +85,14 @@ scores = {
 shape = (len(new), len(firm))
 
 figure, all_axes = plt.subplots(1, 3, figsize=(12, 3.6))
-shown = {"IDF1": "cividis", "Recovery": "cividis", "Ambiguous": "cividis_r"}
+shown = {"IDF1": "cividis", "Recovery": "cividis", "Firm": "cividis"}
 for axis, (metric, colors) in zip(all_axes, shown.items()):
     values = 100 * scores[metric].reshape(shape)
     axis.imshow(values, cmap=colors, aspect="auto", origin="lower")
     middle = (values.min() + values.max()) / 2
     for row in range(shape[0]):
         for column in range(shape[1]):
-            is_dark = (values[row, column] < middle) != colors.endswith("_r")
+            is_dark = (values[row, column] < middle)
             axis.text(column, row, f"{values[row, column]:.1f}", ha="center", va="center",
                       color="white" if is_dark else "black")  # fmt: skip
     axis.set_xticks(range(len(firm)), firm)
@@ -105,22 +105,22 @@ plt.show()
 # %% [markdown]
 # ## Right answers against undecided ones
 #
-# The share of ambiguous detections is not an error rate: it is the cost of being careful. No other
+# The share of undecided detections is not an error rate: it is the cost of being careful. No other
 # setting is better in both scores than one on the *Pareto front*; which of these is best depends on your
 # use. Here the front is short: beyond a few undecided detections, more of them do not make better answers.
 
 # %%
-front = found.pareto("IDF1", "Ambiguous")
+front = found.pareto("IDF1", "Firm")
 given = found.standings()[0].scores
 figure, axis = plt.subplots(figsize=(6.5, 4))
 axis.scatter(
-    100 * scores["Ambiguous"], 100 * scores["IDF1"], color=GRAY, label="settings of the grid"
+    100 * (1 - scores["Firm"]), 100 * scores["IDF1"], color=GRAY, label="settings of the grid"
 )
-ends = [(100 * s.scores["Ambiguous"], 100 * s.scores["IDF1"]) for s in front]
+ends = [(100 * (1 - s.scores["Firm"]), 100 * s.scores["IDF1"]) for s in front]
 axis.plot(*zip(*sorted(ends)), color=BLUE, marker="o", label="Pareto front")
-axis.scatter(100 * given["Ambiguous"], 100 * given["IDF1"], color=ORANGE, marker="*", s=180,
+axis.scatter(100 * (1 - given["Firm"]), 100 * given["IDF1"], color=ORANGE, marker="*", s=180,
              label="default", zorder=3)  # fmt: skip
-axis.set(xlabel="ambiguous detections, %", ylabel="IDF1, %")
+axis.set(xlabel="undecided detections, %", ylabel="IDF1, %")
 axis.legend(frameon=False)
 plt.show()
 for standing in front:
@@ -128,7 +128,7 @@ for standing in front:
         ", ".join(f"{name} = {value:g}" for name, value in standing.setting.items()) or "default"
     )
     print(
-        f"IDF1 {standing.scores['IDF1']:.1%}, ambiguous {standing.scores['Ambiguous']:.1%}: {values}"
+        f"IDF1 {standing.scores['IDF1']:.1%}, firm {standing.scores['Firm']:.1%}: {values}"
     )
 
 # %% [markdown]
@@ -182,16 +182,16 @@ tuned = rj.sweeps.search(
     number=16,
     at_once=8,
     sampler="tpe",
-    objectives=("IDF1", "Ambiguous"),
+    objectives=("IDF1", "Firm"),
 )
 figure, axis = plt.subplots(figsize=(6.5, 4))
 for label, result, color in (("grid", found, GRAY), ("search", tuned, BLUE)):
-    points = [(100 * s.scores["Ambiguous"], 100 * s.scores["IDF1"]) for s in result.standings()[1:]]
+    points = [(100 * (1 - s.scores["Firm"]), 100 * s.scores["IDF1"]) for s in result.standings()[1:]]
     axis.scatter(*zip(*points), color=color, label=f"{label}, {len(points)} settings")
 axis.scatter(
-    100 * given["Ambiguous"], 100 * given["IDF1"], color=ORANGE, marker="*", s=180, label="default"
+    100 * (1 - given["Firm"]), 100 * given["IDF1"], color=ORANGE, marker="*", s=180, label="default"
 )
-axis.set(xlabel="ambiguous detections, %", ylabel="IDF1, %")
+axis.set(xlabel="undecided detections, %", ylabel="IDF1, %")
 axis.legend(frameon=False)
 plt.show()
 

@@ -69,7 +69,7 @@ def calibrate(
     weights: str | Path | None = None,
     feature_cache: str | Path | None = None,
     detector: Any = None,
-    detector_options: DetectorOptions | None = None,
+    detector_options: DetectorOptions | Mapping[str, Any] | None = None,
     out: str | Path | None = None,
     seed: int = 0,
     sampling: Sampling | Mapping[str, Any] | None = None,
@@ -85,7 +85,7 @@ def calibrate(
     Raises:
       RemindError: If a scene is not accepted, or the scenes do not hold enough to compare.
     """
-    check_options(source_options, calibrate)
+    check_options(source_options, calibrate, detector_options=DetectorOptions)
     check_option("seed", seed, 0, MAX_SEED)
     if out is not None:
         _as_profile_path(out)

@@ -53,7 +53,7 @@ class Sweep:
       remind sweep rooms/ --set decision.new=0:2:0.5
       remind sweep a/ --set decision.new=0,2.5 layout.weight=0,1.2 --random 256
       remind sweep a/ b/ c/ --set decision.new=0.0,2.5 --search tpe --number 128
-      remind sweep a/ b/ c/ --search nsga2 --set ... --objectives IDF1 Ambiguous
+      remind sweep a/ b/ c/ --search nsga2 --set ... --objectives IDF1 Firm
       remind sweep a/ b/ c/ --sensitivity           thresholds that matter most
       remind sweep rooms/ --config remind --set matching.match=0.5:0.8:0.05
       remind sweep a/ b/ c/ --settings mine.csv --workers 8
@@ -125,7 +125,7 @@ class Sweep:
     @property
     def _traded(self) -> tuple[str, ...]:
         """Two scores that are laid against each other."""
-        return self.objectives if len(self.objectives) == 2 else ("IDF1", "Ambiguous")
+        return self.objectives if len(self.objectives) == 2 else ("IDF1", "Firm")
 
     def _check(self) -> tuple[dict[str, list[Value]], list[Setting]]:
         """What is to be varied, and the settings to try if these are known before any work."""

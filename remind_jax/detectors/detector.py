@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -23,6 +23,7 @@ from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError, WeightsError
 from remind_jax.files.host_array import host_array
 from remind_jax.frame import Detections, check_image, check_size
+from remind_jax.settings.ranges import read_options
 
 # What is known of one family of networks: `prepare` a frame, `decode` the outputs.
 SegmentationHead = yolo_seg.YoloSeg | rfdetr_seg.RfDetrSeg
@@ -144,7 +145,9 @@ def refine_detections(
     return dataclasses.replace(detections, masks=np.asarray(left)).select(keep), drops
 
 
-def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector | None:
+def as_detector(
+    spec: Any, options: DetectorOptions | Mapping[str, Any] | None = None
+) -> Detector | None:
     """Makes a detector from what a user gives.
 
     Args:
@@ -160,11 +163,8 @@ def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector |
       ConfigError: If the specification is none of these, or an option does not fit.
       WeightsError: If the file cannot be used.
     """
-    if options is not None and not isinstance(options, DetectorOptions):
-        raise ConfigError(
-            f"options of a detector are of type {type(options).__name__}; give a "
-            "remind_jax.detectors.DetectorOptions"
-        )
+    if options is not None:
+        options = read_options("detector_options", options, DetectorOptions)
     if spec is None or isinstance(spec, Detector):
         return spec
     if isinstance(spec, (str, os.PathLike)):

@@ -73,9 +73,10 @@ class Tracker(Printable):
         tracker: str | None = None,
         trace: bool = False,
         announce_after: int | None = None,
+        memory: str | Path | None = None,
         **backbone_options: Any,
     ) -> None:
-        """Makes an empty memory.
+        """Makes an empty memory, or takes one up.
 
         Args:
           config: Name of a shipped configuration, a YAML file, nested values, or a `Config`.
@@ -87,10 +88,11 @@ class Tracker(Printable):
           announce_after: Detections after which an object gets its id; until then its detections
             are provisional. As the configuration says if left out, else 1, for masks that are
             right; `announcement.DETECTOR_DEFAULT` suits those of a detector.
+          memory: File that it goes on from, as with `load`.
           **backbone_options: Options of a backbone given by name.
 
         Raises:
-          ConfigError: If one of them is unknown or does not fit.
+          RemindError: If one of them is unknown or does not fit.
         """
         check_switch("trace", trace)
         self.config = load_config(config)
@@ -122,6 +124,8 @@ class Tracker(Printable):
         self.events: list[Event] = []  # of the last frame
         self.stage_ms: dict[str, float] = {}  # of the last frame
         self.compile_s = 0.0  # waited for programs to be compiled or loaded, so far
+        if memory is not None:
+            self.load(memory)
 
     def _summarize(self) -> SmallTable:
         seen = 0 if self.state is None else int(self.state.frame)

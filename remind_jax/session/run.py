@@ -41,7 +41,7 @@ def run(
     *,
     masks: Any = None,
     detector: Any = None,
-    detector_options: DetectorOptions | None = None,
+    detector_options: DetectorOptions | Mapping[str, Any] | None = None,
     backbone: str | Backbone = "patch-statistics",
     weights: str | Path | None = None,
     feature_cache: str | Path | None = None,
@@ -127,7 +127,7 @@ def run(
       >>> [tracks.object_id.tolist() for tracks in result.tracks]
       [[0], [0], [0]]
     """
-    check_options(source_options, run)
+    check_options(source_options, run, detector_options=DetectorOptions)
     switches = {"overlay": overlay, "trace": trace, "overwrite": overwrite, "resume": resume}
     for name, value in switches.items():
         check_switch(name, value)
@@ -142,15 +142,21 @@ def run(
     )
     settings = load_config(config)
     after = choose_after(announce_after, settings.input.announce_after, found_by is not None)
-    tracking = Tracker(settings, backbone, tracker=tracker, trace=trace, announce_after=after)
-    if memory is not None:
-        tracking.load(memory)
+    tracking = Tracker(
+        settings, backbone, tracker=tracker, trace=trace, announce_after=after, memory=memory
+    )
     frames = open_source(
         source, masks=masks, sampling=sampling, metadata=metadata, **source_options
     )
     _check_source(frames, tracking, found_by, folder if resume else None)
     if found_by is not None:
         _refuse_masks(frames, masks)
+        if source_options.get("class_names") is not None:
+            raise OptionError(
+                "'class_names' names the classes of detections in memory, and a detector finds "
+                "others; give detector_options={'class_names': [...]}",
+                "class_names",
+            )
     if folder is not None:
         _keep_apart(folder, frames, mcap, masks, metadata, weights, config, detector, memory)
     # Pictures cannot be written anew, so frames wait until most objects that will be announced are:

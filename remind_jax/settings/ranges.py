@@ -12,10 +12,13 @@ import math
 import numbers
 import reprlib
 import typing
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
-from remind_jax.errors import ConfigError, OptionError
+from remind_jax.errors import ConfigError, OptionError, nearest_names
 from remind_jax.settings.record import Setting
+
+_Options = TypeVar("_Options")
 
 _MEASURES = (  # of what lies in [-1, 1]
     *("agreement", "cosine", "coverage", "maturity", "quality", "reliability", "score"),
@@ -121,6 +124,25 @@ def check_switch(name: str, value: Any) -> None:
         raise OptionError(f"'{name}' is {reprlib.repr(value)}; give True or False", name)
 
 
+def read_options(name: str, given: Any, kind: type[_Options]) -> _Options:
+    """Options as their dataclass, from it or from a mapping of some.
+
+    Raises:
+      ConfigError: If it is neither, or has an option that there is not.
+    """
+    if isinstance(given, kind):
+        return given
+    if not isinstance(given, Mapping):
+        raise ConfigError(
+            f"{name} is {type(given).__name__}; give a {kind.__name__}, or a mapping of its options"
+        )
+    allowed = [field.name for field in dataclasses.fields(kind)]  # pyright: ignore[reportArgumentType]
+    for key in given:
+        if key not in allowed:
+            raise ConfigError(f"{name} has no option '{key}'; {nearest_names(str(key), allowed)}")
+    return kind(**given)
+
+
 def check_function(name: str, value: Any) -> None:
     """Raises OptionError if what is called later cannot be called; None may be left out."""
     if value is not None and not callable(value):
@@ -178,7 +200,7 @@ def check_fields(settings: Any, section: str) -> None:
 def _check_list(name: str, values: Any, kind: type) -> None:
     """Names, or numbers from 0 on, in a tuple of any length."""
     if not isinstance(values, tuple) or len(values) > _MAX_LISTED:
-        raise ConfigError(f"{name} must be a list of at most {_MAX_LISTED} entries")
+        raise ConfigError(f"{name} must be a list of at most {_MAX_LISTED} entries: [a, b], or [a]")
     for value in values:
         if kind is str:
             fits = isinstance(value, str) and 0 < len(value) <= _MAX_CHARACTERS

@@ -17,7 +17,7 @@ from remind_jax.errors import ConfigError, OptionError, SourceError, is_text, ne
 from remind_jax.files import as_path
 from remind_jax.files.records import Text, check
 from remind_jax.formats.coco import read_categories
-from remind_jax.settings.ranges import check_option
+from remind_jax.settings.ranges import check_option, read_options
 from remind_jax.sources.arrays import ArrayMasks, ItemReader
 from remind_jax.sources.coco_masks import CocoMasks
 from remind_jax.sources.detections import ClassNaming, detections_from
@@ -33,7 +33,7 @@ NO_MASKS = "none"
 MAX_NAME = 1000  # characters
 PACKED = (
     *(".zip", ".rar", ".7z", ".tar", ".tgz", ".tbz2", ".txz"),
-    *(".tar.gz", ".tar.bz2", ".tar.xz"),
+    *(".gz", ".bz2", ".xz"),
 )
 _Value = Text | bool | int | float | None
 
@@ -45,18 +45,25 @@ class _Description(msgspec.Struct, frozen=True):
     reopen: dict[str, _Value | dict[str, _Value]] | None = None
 
 
-def check_options(options: Mapping[str, Any], function: Callable[..., Any]) -> None:
+def check_options(options: Mapping[str, Any], function: Callable[..., Any], **nested: type) -> None:
     """Refuses options that neither a function nor `open_source` has.
+
+    Args:
+      **nested: Dataclasses of options that the function takes together, beside `sampling`.
 
     Raises:
       ConfigError: If there is such an option.
     """
-    known = inspect.signature(open_source).parameters
+    known = {*inspect.signature(open_source).parameters} - {"spec"}
+    own = {*inspect.signature(function).parameters} - {"source_options"}
     for name in options:
-        if name not in known:
-            allowed = {*known, *inspect.signature(function).parameters} - {"source_options"}
-            hint = nearest_names(name, allowed)
-            raise ConfigError(f"{function.__name__} has no option '{name}'; {hint}")
+        if name in known or name in own:
+            continue
+        hint = nearest_names(name, known | own)
+        for taker, kind in {"sampling": Sampling, **nested}.items():
+            if name in [field.name for field in dataclasses.fields(kind)]:
+                hint = f"give {taker}={{'{name}': ...}}"
+        raise ConfigError(f"{function.__name__} has no option '{name}'; {hint}")
 
 
 def open_source(
@@ -103,7 +110,7 @@ def open_source(
       SourceError: If nothing can be made of it; one sentence.
       ConfigError: If an option is out of range.
     """
-    chosen = _check_sampling(sampling)
+    chosen = Sampling() if sampling is None else read_options("sampling", sampling, Sampling)
     if image_fps is not None:
         check_option("image_fps", image_fps, MIN_RATE, MAX_RATE, whole=False)
     for option, value in (("sequence", sequence), ("name", name)):
@@ -178,8 +185,8 @@ def read_arguments(description: Mapping[str, Any]) -> dict[str, Any]:
     said = check(dict(description), _Description, "the description of the source")
     if said.reopen is None:
         raise SourceError(
-            f"source '{said.name}' came from memory and cannot be opened again; give its video or "
-            "images anew"
+            f"source '{said.name}' came from memory or was live, and cannot be opened again; give "
+            "its video or images (--source)"
         )
     if not isinstance(said.reopen.get("spec"), str):
         raise SourceError("the description of the source, `reopen`: `spec` is no path")
@@ -231,7 +238,7 @@ def _existing(path: str | Path) -> Path:
     except RuntimeError as error:  # of a user that there is not
         raise SourceError(f"'{path}' is no path that can be read: {error}") from error
     if resolved.name.lower().endswith(PACKED):
-        raise SourceError(f"'{path}' is a packed folder; unpack it")
+        raise SourceError(f"'{path}' is packed; unpack it")
     if resolved.exists():
         return resolved
     if resolved.is_symlink():
@@ -248,21 +255,6 @@ def _existing(path: str | Path) -> Path:
     hint = nearest_names(resolved.name, [p.name for p in where.iterdir()])
     is_close = hint.startswith("did you mean")
     raise SourceError(f"'{path}' does not exist" + (f"; {hint}" if is_close else ""))
-
-
-def _check_sampling(sampling: Sampling | Mapping[str, Any] | None) -> Sampling:
-    if sampling is None or isinstance(sampling, Sampling):
-        return sampling or Sampling()
-    if not isinstance(sampling, Mapping):
-        raise ConfigError(
-            f"sampling is {type(sampling).__name__}; give a Sampling, or a mapping such as "
-            "{'stride': 2}"
-        )
-    allowed = [field.name for field in dataclasses.fields(Sampling)]
-    for key in sampling:
-        if key not in allowed:
-            raise ConfigError(f"sampling has no option '{key}'; {nearest_names(str(key), allowed)}")
-    return Sampling(**sampling)
 
 
 def _masks_as_json(masks: Any) -> str | None:

@@ -99,7 +99,7 @@ class SweepResult(Printable):
         known = [s for s in self.standings() if not math.isnan(s.scores[metric])]
         return sorted(known, key=lambda s: -sign * s.scores[metric])[:number]
 
-    def pareto(self, first: str = "IDF1", second: str = "Ambiguous") -> list[Standing]:
+    def pareto(self, first: str = "IDF1", second: str = "Firm") -> list[Standing]:
         """Settings that no other one beats in both scores, best by the first one first.
 
         Raises:

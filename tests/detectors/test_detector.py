@@ -24,7 +24,7 @@ FRAME = np.zeros((192, 256, 3), np.uint8)
 
 def test_a_yolo_file_becomes_a_detector(tmp_path):
     path = write_fixed_answer(tmp_path / "yolo.onnx", raw_outputs(), (1, 3, 96, 128), NAMES)
-    detector = as_detector(str(path), DetectorOptions(ignored_classes=("chair",)))
+    detector = as_detector(str(path), {"ignored_classes": ["chair"]})
     assert isinstance(detector, Detector)
     found = detector(FRAME)
     assert found.labels == ("wall", "cup")

@@ -285,6 +285,8 @@ def test_masks_and_a_detector_exclude_each_other(tmp_path):
         with pytest.raises(ConfigError, match="masks and a detector exclude each other"):
             rj.run(source, detector=lambda image: None, **more)
     assert rj.run(folders[0], masks="none", detector=lambda image: None).complete
+    with pytest.raises(ConfigError, match=r"'class_names' .* detector_options="):
+        rj.run(folders[0], masks="none", detector=lambda image: None, class_names=["cup"])
 
 
 def test_a_slow_recording_keeps_its_rate_beside_an_overlay_that_plays(tmp_path):

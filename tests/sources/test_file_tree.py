@@ -20,7 +20,7 @@ def test_files_and_folders_by_name(tmp_path):
 @pytest.mark.parametrize("name", ["x.tar", "x.tar.gz", "x.TGZ", "x.zip"])
 def test_archives_are_to_be_unpacked(tmp_path, name):
     (tmp_path / name).write_bytes(b"")
-    with pytest.raises(SourceError, match="is a packed folder; unpack it"):
+    with pytest.raises(SourceError, match="is packed; unpack it"):
         open_source(tmp_path / name)
 
 

@@ -4,6 +4,7 @@ import os
 import numpy as np
 import pytest
 
+import remind_jax as rj
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.sources import Sampling, Source, open_source, reopen_source
 from tests.sources import making
@@ -74,6 +75,20 @@ def test_source_passes_unchanged_and_can_be_sampled():
 def test_bad_options_are_named(options, why):
     with pytest.raises(ConfigError, match=why):
         open_source([making.picture(0)], **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("max_frames", r"give sampling=\{'max_frames': \.\.\.\}"),
+        ("classes", r"give detector_options=\{'classes': \.\.\.\}"),
+        ("masc", "did you mean 'masks'"),
+        ("spec", "allowed: "),
+    ],
+)
+def test_of_an_option_that_another_holds_it_is_told(name, why):
+    with pytest.raises(ConfigError, match=f"run has no option '{name}'; {why}"):
+        rj.run([making.picture(0)], **{name: 1})
 
 
 def test_a_video_has_a_rate_of_its_own(tmp_path):

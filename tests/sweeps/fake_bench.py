@@ -48,4 +48,5 @@ def hill(setting: Setting, scene: int) -> dict[str, float]:
     gate = setting.get("influence.enabled", False)
     off = (match - 0.7 - 0.01 * scene) ** 2 + 0.3 * (lock - 0.9) ** 2
     score = math.exp(-30 * off) - (0 if gate else 0.1)
-    return {"IDF1": score, "Ambiguous": abs(match - 0.5), "HardRecovery": math.nan}
+    doubt = abs(match - 0.5)
+    return {"IDF1": score, "Ambiguous": doubt, "Firm": 1.0 - doubt, "HardRecovery": math.nan}

@@ -45,11 +45,11 @@ def test_same_seed_same_settings(sampler):
 def test_two_objectives_give_a_front(sampler):
     result = search(
         FakeBench(hill), SPACE, number=64, at_once=16, sampler=sampler,
-        objectives=("IDF1", "Ambiguous"),
+        objectives=("IDF1", "Firm"),
     )  # fmt: skip
     front = result.pareto()
     assert len(front) > 3
-    scores = [(s.scores["IDF1"], s.scores["Ambiguous"]) for s in front]
+    scores = [(s.scores["IDF1"], 1.0 - s.scores["Firm"]) for s in front]
     assert scores == sorted(scores, reverse=True)
 
 
