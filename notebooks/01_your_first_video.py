@@ -168,8 +168,8 @@ show(draw_overlay(tour.frames[frame].image, tracks))
 
 # %% [markdown]
 # The camera comes back, it is dark, and a box comes into view. There are two boxes that look the same: it
-# could be either of them, or a third one that was never in view. *box 2* is right; two frames later it was
-# decided as new, which is wrong.
+# could be either of them, or a third one that was never in view. *box 2* is right, and hardly likelier than
+# a new one.
 #
 # Where no answer is more likely than not, none is given: the detection is undecided and names
 # its candidates. When the evidence suffices, it becomes one of them.
@@ -227,9 +227,9 @@ lines = [f"| {name} | {scores[name]:.3f} | {text} |" for name, text in meaning.i
 Markdown("\n".join(["| score | value | meaning |", "| --- | ---: | --- |", *lines]))
 
 # %% [markdown]
-# Both boxes got a second identity when they came back, with a confidence of 0.91: what was decided as new
-# stays so. Recovery is 1 all the same, since the right identity of an object is the one that it has in
-# most frames.
+# Everything has its own identity again, in less light and from another side, the boxes that look alike as
+# well. Does the confidence tell how sure that was? Of answers that it doubts fewer should be right, over
+# many tours; on one as short as this all are.
 
 # %%
 right_id = {}  # the identity that an object had first
