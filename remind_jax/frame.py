@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
 import numbers
 import operator
 import reprlib
+import sys
 from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
@@ -188,7 +188,7 @@ def check_frame(frame: Any) -> None:
     """
     if not isinstance(frame, Frame):
         raise SourceError(f"a frame is of type {type(frame).__name__}; give a remind_jax.Frame")
-    is_timed = isinstance(frame.time_s, numbers.Real) and math.isfinite(frame.time_s)
+    is_timed = isinstance(frame.time_s, numbers.Real) and abs(frame.time_s) <= sys.float_info.max
     for name, fits, wanted in (
         ("index", isinstance(frame.index, numbers.Integral), "a whole number"),
         ("source_index", isinstance(frame.source_index, numbers.Integral), "a whole number"),

@@ -283,13 +283,15 @@ class Archive:
         self._resting, self._partners, self._looks = resting, all_partners, looks
 
     def _put(self, resting: Sequence[Resting], state: PlusState) -> None:
-        self.looks(state).add([one.owner for one in resting])
+        # In this order, and the other one where they go: what is found by its looks rests.
+        looks = self.looks(state)
         self._resting |= {one.id: one for one in resting}
+        looks.add([one.owner for one in resting])
 
     def _let_go(self, object_id: int) -> None:
-        one = self._resting.pop(object_id)
         if self._looks is not None:
-            self._looks.remove(one.owner)
+            self._looks.remove(self._resting[object_id].owner)
+        del self._resting[object_id]
 
     def _partners_of(self, objects: Objects, pairs: Pairs, slot: int) -> np.ndarray:
         """Its nearest partners: as they are in the working set, and as they were before."""

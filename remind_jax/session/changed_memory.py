@@ -5,6 +5,7 @@ Of those that come along, the ones that are known are merged.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ def join_memories(
     """One memory with the objects of both; what is known in both is merged, and can be split again.
 
     Args:
-      memory: Goes on; its ids stay, its records and objects at rest are changed.
+      memory: Goes on as what is returned, and is not changed; its ids stay.
       other: Its objects get ids that are free, its sessions follow those of `memory`.
       thresholds: Of the tracker; the published ones if left out.
 
@@ -60,6 +61,9 @@ def join_memories(
             f"{path} knows features of {other.static.feature_dim} numbers, not "
             f"{memory.static.feature_dim}; join memories of the same features"
         )
+    memory = dataclasses.replace(
+        memory, at_rest=copy.deepcopy(memory.at_rest), records=copy.deepcopy(memory.records)
+    )
     new = (one for one in other.class_names if one not in memory.class_names)
     class_names = (*memory.class_names, *new)
     class_ids = np.array([class_names.index(one) for one in other.class_names], int)

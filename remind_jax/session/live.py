@@ -128,8 +128,9 @@ class Tracker(Printable):
             self.load(memory)
 
     def _summarize(self) -> SmallTable:
-        seen = 0 if self.state is None else int(self.state.frame)
-        known = self.objects()
+        with self._alone("advance"):
+            seen = 0 if self.state is None else int(self.state.frame)
+            known = self.objects()
         return SmallTable(
             f"tracker '{self.method.name}' on {self.backbone.name}: {plural(len(known), 'object')} "
             f"after {plural(seen, 'frame')}",
@@ -198,7 +199,8 @@ class Tracker(Printable):
     @property
     def state(self) -> Any:
         """The memory as a pytree; None before the first frame."""
-        return self._memory.state
+        with self._alone("advance"):
+            return self._memory.state
 
     @property
     def static(self) -> Static:
@@ -256,15 +258,16 @@ class Tracker(Printable):
         frame_size = check_size(frame_size)
         check_option("num_objects", num_objects, 0, MOST_OBJECTS)
         check_option("num_detections", num_detections, 0, MOST_DETECTIONS)
-        self._memory.reserve(num_detections)
         image = np.zeros((*frame_size, 3), np.uint8)
         nothing = Detections.empty(*frame_size)
         # With a preparer of its own: the next frame does not follow this one.
         preparer = self._new_preparer()
-        prepared = preparer.prepare(Frame(0, 0, 0.0, "warm-up", image, nothing), self.config)
-        self.follow_profile()
-        frame_feats = self.describe(prepared)
-        self._memory.prepare_programs(frame_feats, prepared, self.config.thresholds, num_objects)
+        with self._alone("advance"):
+            self._memory.reserve(num_detections)
+            prepared = preparer.prepare(Frame(0, 0, 0.0, "warm-up", image, nothing), self.config)
+            self.follow_profile()
+            feats, thresholds = self.describe(prepared), self.config.thresholds
+            self._memory.prepare_programs(feats, prepared, thresholds, num_objects)
         return time.perf_counter() - start
 
     def _new_preparer(self) -> FramePreparer:
@@ -285,6 +288,10 @@ class Tracker(Printable):
         Raises:
           SourceError: If the frame is smaller than a patch, or masks and frame do not agree.
         """
+        with self._alone("prepare"), self._alone("advance"):
+            return self._update(frame, detections, time_s)
+
+    def _update(self, frame: Any, detections: Any, time_s: float | None) -> Tracks:
         number = 0 if self.state is None else int(self.state.frame)
         frame = frame if isinstance(frame, Frame) else frame_of(frame, number)
         if time_s is not None:
@@ -338,6 +345,11 @@ class Tracker(Printable):
 
     def _advance(self, prepared: Prepared) -> Tracks:
         start, waited_before = time.perf_counter(), waited_s()
+        if prepared.class_ids is not self.preparer.class_ids:
+            raise SourceError(
+                f"frame '{prepared.frame.name}' was prepared before 'reset' or 'load', or by "
+                "another Tracker; prepare it again"
+            )
         given = prepared.features is not None
         if given or prepared.image is not None:
             if self.state is not None and given != self._features_given:
@@ -392,8 +404,12 @@ class Tracker(Printable):
         """
         path = resolve(as_path(path, "the memory file", OutputError))
         with self._alone("advance"):
-            memory_file.save_memory(path, self._saved(), durably=durably)
-            self._memory_files[path] = memory_file.MemoryFile(path, is_read=True)
+            memory = self._saved()
+            self._memory_files.pop(path, None)
+            try:
+                memory_file.save_memory(path, memory, durably=durably)
+            finally:  # it may be there, as after Ctrl-C
+                self._memory_files[path] = memory_file.MemoryFile(path, is_read=True)
 
     def checkpoint(self, path: str | Path) -> None:
         """As `save`, and returns only when it is on the disk: for loops that may be cut off.
@@ -444,6 +460,7 @@ class Tracker(Printable):
         with self._alone("prepare"), self._alone("advance"):
             static = static_of(memory, self.config, path)
             self._let_files_go()
+            self._memory.forget()
             self._memory.static, self._memory_files[read.path] = static, read
             self._features_given = memory.backbone == FEATURES_GIVEN
             self.preparer = self._new_preparer()
@@ -475,7 +492,7 @@ class Tracker(Printable):
         self._memory.state = memory.state
         if memory.at_rest is not None:
             self._memory.at_rest = memory.at_rest
-        self.preparer.class_ids = {name: number for number, name in enumerate(memory.class_names)}
+        self.preparer.class_ids |= {name: number for number, name in enumerate(memory.class_names)}
         self.identities.restore(memory)
 
     def __reduce__(self) -> Any:

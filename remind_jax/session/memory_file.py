@@ -106,24 +106,24 @@ class MemoryFile:
                 f"'{self.path}' was changed by another program meanwhile; load it again (or repeat "
                 "the command) to go on from that, or write to another file"
             )
-        self._written = None
+        # Whoever is cut off from here on wrote it last.
+        self._written = self._found_as = None
         records = memory.records.kept(memory.object_ids())
         at_rest = None if memory.at_rest is None else memory.at_rest.snapshot()
-        if (
-            before is None
-            or not self.path.exists()
-            or self.path.stat().st_size > 2 * before.num_bytes
-        ):
-            sha256 = save_memory(self.path, memory, durably=True)
-            num_bytes = self.path.stat().st_size
-        else:
-            leaves, header = _describe(memory, before)
-            try:
+        try:
+            if (
+                before is None
+                or not self.path.exists()
+                or self.path.stat().st_size > 2 * before.num_bytes
+            ):
+                sha256 = save_memory(self.path, memory, durably=True)
+                num_bytes = self.path.stat().st_size
+            else:
+                leaves, header = _describe(memory, before)
                 files.append_durably(self.path, save(leaves, header))
-            finally:  # a part of it may be there, as of a full disk: nobody else wrote that
-                self._found_as = _identity(self.path)
-            sha256, num_bytes = header["sha256"], before.num_bytes
-        self._found_as = _identity(self.path)
+                sha256, num_bytes = header["sha256"], before.num_bytes
+        finally:  # all or a part of it may be there, as of a full disk or after Ctrl-C
+            self._found_as = _identity(self.path)
         self._written = _Written(records, at_rest, sha256, num_bytes)
 
 

@@ -269,16 +269,18 @@ class ObjectRecords:
             )
         name = name.strip()
         members = self.members(object_id)
-        for one, given in self.given.items():
-            if name and given == name and one not in members:
-                raise SourceError(
-                    f"object {self.merged_into.get(one, one)} is called '{name}' already; give "
-                    "another name, or merge the two"
-                )
+        holders = [one for one in members if self.given.get(one) == name]
+        if not holders and name in self.given.values():
+            one = next(one for one, given in self.given.items() if given == name)
+            raise SourceError(
+                f"object {self.merged_into.get(one, one)} is called '{name}' already; give "
+                "another name, or merge the two"
+            )
         # Others that it was merged with keep theirs for when they are split, but for this name.
-        gone = {object_id} if name else set(members)
-        kept = {one: own for one, own in self.given.items() if one not in gone and own != name}
-        self.given = kept | ({object_id: name} if name else {})
+        given = dict(self.given)
+        for one in (object_id, *holders) if name else members:
+            given.pop(one, None)
+        self.given = given | ({object_id: name} if name else {})
 
     def merge(self, kept: int, gone: Iterable[int]) -> None:
         """Declares objects to be one, which has the id of the first, as `Tracker.merge`."""

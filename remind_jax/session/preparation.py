@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ class Prepared:
     num_ignored: int  # detections of ignored classes
     is_double: Bool[np.ndarray, "N"]  # second detections of one thing, which are not decided about
     stage_ms: dict[str, float]
+    class_ids: Mapping[str, int]  # numbers of classes, of the preparer that made it
     closeups: Closeups | None = None  # of the detections, where these are described
     observed: Any = None  # what the method observed between the last frame and this one
 
@@ -113,6 +115,7 @@ class FramePreparer:
             num_ignored=num_ignored,
             is_double=is_double,
             stage_ms=spent,
+            class_ids=known,
             closeups=closeups,
             observed=observed,
         )

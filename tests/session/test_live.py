@@ -1,16 +1,20 @@
 """The live tracker: one compilation, warm-ups, and choices that are refused."""
 
+import contextlib
+import threading
 from collections.abc import Iterable
 
 import jax
 import numpy as np
 import pytest
 
-from remind_jax.errors import ConfigError, OutputError, RemindError
+from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError
 from remind_jax.frame import Detections, Frame
+from remind_jax.session import memory_file
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
 from remind_jax.session.memory_parts import read_parts
+from remind_jax.session.object_records import ObjectRecords
 from remind_jax.tracks import Tracks
 from tests.cli import scenes
 
@@ -125,6 +129,8 @@ def test_a_camera_may_give_one_buffer_again_and_again():
     assert tracks.time_s == 0.2  # the third of ten a second, where no clock tells
     for left, right in zip(*map(jax.tree.leaves, (own.state, shared.state)), strict=True):
         np.testing.assert_array_equal(left, right)
+    with pytest.raises(SourceError, match="time_s of a frame is 1000"):
+        own.update(image, labels, time_s=10**400)
     for clock in (np.array(1.0), jax.numpy.float32(1.5)):
         assert own.update(image, labels, time_s=clock).time_s == float(clock)
 
@@ -158,6 +164,87 @@ def test_what_another_program_wrote_is_not_overwritten(tmp_path):
     tracker.checkpoint(kept)
     other.load(kept)
     assert other.objects()[0].name == "precious"
+
+
+@pytest.mark.parametrize("name", ["save_memory", "_identity"])
+def test_what_ctrl_c_cut_off_is_not_another_program(tmp_path, monkeypatch, name):
+    tracker, kept = Tracker(CONFIG), tmp_path / "kept.safetensors"
+    tracker.update(*frames(1)[0])
+    tracker.save(kept)
+    change = getattr(memory_file, name)
+    for write in (tracker.checkpoint, tracker.save):
+        calls = []
+
+        def stop(*given, calls=calls, **options):
+            calls.append(change(*given, **options))
+            if name == "save_memory" or len(calls) > 1:
+                raise KeyboardInterrupt
+            return calls[0]
+
+        tracker.load(kept)
+        with monkeypatch.context() as patched:
+            patched.setattr(memory_file, name, stop)
+            with contextlib.suppress(KeyboardInterrupt):
+                write(kept)
+        tracker.checkpoint(kept)
+
+
+def test_a_join_that_ctrl_c_cuts_off_changes_nothing(tmp_path, monkeypatch):
+    tracker, other = Tracker(), Tracker()
+    scenes.follow(tracker, range(6), (1, 2))
+    scenes.follow(other, range(6), (3, 4))
+    other.save(tmp_path / "other")
+    before, ids = tracker.objects(), tracker._memory.at_rest.ids()
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(ObjectRecords, "unite", stop)
+        with pytest.raises(KeyboardInterrupt):
+            tracker.join(tmp_path / "other")
+    assert (tracker.objects(), tracker._memory.at_rest.ids()) == (before, ids)
+    assert len(tracker.join(tmp_path / "other").ids) == 2
+
+
+def test_a_frame_that_was_prepared_before_a_reset_is_refused():
+    tracker = Tracker(CONFIG)
+    frame = frame_of_features()
+    prepared = tracker.prepare(frame)
+    tracker.reset()
+    with pytest.raises(SourceError, match="prepared before 'reset'"):
+        tracker.advance(prepared)
+    with pytest.raises(SourceError, match="by another Tracker"):
+        tracker.advance(Tracker(CONFIG).prepare(frame))
+    tracker.advance(tracker.prepare(frame))
+
+
+def test_what_is_refused_for_a_second_thread_changes_nothing():
+    tracker = Tracker(CONFIG)
+    tracker.update(*frames(1)[0])
+    known, begun, done = tracker.class_names, threading.Event(), threading.Event()
+
+    def advance():
+        with tracker._alone("advance"):
+            begun.set()
+            done.wait()
+
+    thread = threading.Thread(target=advance)
+    thread.start()
+    begun.wait()
+    image, masks = frames(1)[0]
+    for use in (
+        lambda: tracker.update(image, {"masks": masks == 1, "labels": ["other"]}, time_s=99.0),
+        lambda: tracker.warm_up((96, 128), num_detections=9),
+        lambda: tracker.state,
+        lambda: repr(tracker),
+    ):
+        with pytest.raises(RemindError, match="two threads"):
+            use()
+    done.set()
+    thread.join()
+    assert (tracker.class_names, tracker.preparer.last_time_s) == (known, None)
+    assert tracker.static.num_detections == 4
 
 
 def test_a_path_that_leads_nowhere_is_refused(tmp_path):
