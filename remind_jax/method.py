@@ -370,18 +370,15 @@ class Method:
         """The empty memory of these capacities, as arrays of the host that may be written to."""
         return jax.tree.map(np.array, jax.device_get(self.init(static)))
 
-    def enlarge(self, state: Any, static: Static, empty: Any = None) -> Any:
+    def enlarge(self, state: Any, static: Static) -> Any:
         """The memory with the larger capacities of `static`; results do not change.
-
-        Args:
-          empty: What `make_empty` gave for them, which is used up; made now if left out.
 
         Raises:
           ConfigError: If one of them is smaller than that of the memory.
         """
         # On the host, where reading a column compiles nothing: a frame waits for this.
         state = jax.device_get(state)
-        empty = self.make_empty(static) if empty is None else empty
+        empty = self.make_empty(static)
         for (name, leaf), room in zip(named_leaves(state), jax.tree.leaves(empty), strict=False):
             if any(map(operator.gt, np.shape(leaf), room.shape)):
                 raise ConfigError(
