@@ -62,11 +62,11 @@ def bake_light(
             height, width = points.shape[:2]
             layer = light[at : at + height * width].reshape(height, width, 2)
             at += height * width
-            layers[index].append(_glow(surface, room, layer))
+            layers[index].append(_glow(surface, layer))
     return [layer for part_layers in layers for layer in part_layers]
 
 
-def _glow(surface: Surface, room: Room, layer: Float[np.ndarray, "h w 2"]) -> np.ndarray:
+def _glow(surface: Surface, layer: Float[np.ndarray, "h w 2"]) -> np.ndarray:
     """Replaces received light by own light on lamps and windows."""
     if surface.glow == 0.0:
         return cv2.GaussianBlur(layer, (3, 3), 0.8, borderType=cv2.BORDER_REPLICATE)

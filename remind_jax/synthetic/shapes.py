@@ -73,12 +73,12 @@ def _solid(surfaces: list[Surface], size: tuple[float, float, float], fill: floa
 
 
 def _arc(
-    center: tuple[float, float], radii: tuple[float, float], degrees: tuple[float, float], num: int
-) -> Float[np.ndarray, "num 3"]:
+    center: tuple[float, float], radii: tuple[float, float], degrees: tuple[float, float]
+) -> Float[np.ndarray, "8 3"]:
     """Points of an ellipse in the plane y = 0, angles from +x towards +z."""
-    angle = np.radians(np.linspace(*degrees, num))
+    angle = np.radians(np.linspace(*degrees, 8))
     x, z = center[0] + radii[0] * np.cos(angle), center[1] + radii[1] * np.sin(angle)
-    return np.stack([x, np.zeros(num), z], 1)
+    return np.stack([x, np.zeros_like(x), z], 1)
 
 
 def _sphere(radius: float, height: float, image: Any, sides: int = 14, rows: int = 8) -> Surface:
@@ -98,7 +98,7 @@ def _mug(paint: _Paint, size: tuple[float, float, float]) -> list[Part]:
         revolve([(0.9 * flare * r, foot), (0.92 * r, h)], inner),
         revolve([(0.92 * r, h), (r, h)], inner),
         disc((0, 0, foot), 0.92 * flare * r, paint.plain(0, 0.7)),
-        tube(_arc((0.97 * r, 0.52 * h), (0.45 * r, 0.3 * h), (100, -100), 8), 0.1 * r, inner),
+        tube(_arc((0.97 * r, 0.52 * h), (0.45 * r, 0.3 * h), (100, -100)), 0.1 * r, inner),
     ]
     return [_solid(surfaces, (2 * r, 2 * r, h))]
 
@@ -237,9 +237,7 @@ def _teapot(paint: _Paint, size: tuple[float, float, float]) -> list[Part]:
         revolve([(0.0, 0.9 * h), (0.3 * r, 0.86 * h), (0.5 * r, 0.79 * h)], paint.plain(1)),
         _sphere(0.14 * r, 0.12 * h, paint.plain(2), 8, 5).moved((0, 0, 0.88 * h), 0),
         tube(spout, np.array([0.1, 0.14, 0.24]) * r, paint.plain(0)),
-        tube(
-            _arc((-0.9 * r, 0.42 * h), (0.6 * r, 0.27 * h), (75, 285), 8), 0.1 * r, paint.plain(1)
-        ),
+        tube(_arc((-0.9 * r, 0.42 * h), (0.6 * r, 0.27 * h), (75, 285)), 0.1 * r, paint.plain(1)),
     ]
     return [_solid(surfaces, (2 * r, 2 * r, h))]
 
