@@ -1,15 +1,13 @@
 """What importing costs, and which way dependencies point."""
 
 import importlib
-import os
-import subprocess
 import sys
-import textwrap
 from pathlib import Path
 
 import pytest
 
 import remind_jax
+from tests.cli.test_streams import run_python
 from tests.test_dependencies import imported_by
 
 PACKAGE = Path(remind_jax.__file__).parent
@@ -33,19 +31,6 @@ PURE = (
 )
 ALLOWED = {"remind_jax", "jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}
 ON_THE_HOST = ("plus/image_light.py", "plus/image_motion.py")  # observe frames ahead of the step
-
-
-def run_python(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    """A process of its own in which nobody asked for the alarms of the compiler."""
-    inherited = {k: v for k, v in os.environ.items() if k != "TF_CPP_MIN_LOG_LEVEL"}
-    return subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)],
-        env=inherited | variables,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
-    )
 
 
 def test_import_is_quick_and_loads_nothing_heavy_nor_does_what_runs_need_an_extra():
@@ -96,7 +81,9 @@ def test_a_slow_compilation_alarms_nobody(level, is_told):
     """
     chosen = {"JAX_ENABLE_COMPILATION_CACHE": "false"}  # else it may have been compiled before
     chosen |= {} if level is None else {"TF_CPP_MIN_LOG_LEVEL": level}
-    assert ("file a bug" in run_python(code, **chosen).stderr) == is_told
+    finished = run_python(code, **chosen)
+    assert finished.returncode == 0
+    assert ("file a bug" in finished.stderr) == is_told
 
 
 def test_every_public_name_is_there():

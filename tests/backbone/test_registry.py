@@ -1,8 +1,6 @@
 """From what a user says to a backbone."""
 
 import dataclasses
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -11,6 +9,7 @@ from remind_jax.backbone import registry
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.errors import ConfigError, OptionError, SourceError
 from tests.backbone.networks import converted_file
+from tests.cli.test_streams import run_python
 
 
 @pytest.fixture
@@ -34,7 +33,7 @@ def test_listing_imports_no_backbone():
         "heavy = {'remind_jax.backbone.patch_statistics', 'flax', 'torch', 'onnxruntime'};"
         "sys.exit(', '.join(heavy & set(sys.modules)) or 0)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = run_python(code)
     assert done.returncode == 0, done.stderr
     assert "patch-statistics" in done.stdout
 

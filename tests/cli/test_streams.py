@@ -39,6 +39,7 @@ def run(words: Any, **options: Any) -> subprocess.CompletedProcess[str]:
 
 
 def run_python(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """A process of its own in which nobody asked for the alarms of the compiler."""
     return run([sys.executable, "-c", textwrap.dedent(code)], env={**QUIET, **variables})
 
 
