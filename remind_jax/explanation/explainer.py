@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic
 
@@ -18,7 +18,9 @@ from remind_jax.explanation.archive import TRACE_NAME, Record, TraceArchive
 from remind_jax.explanation.explanation import Explanation, id_or_none
 from remind_jax.method import Method, get_method
 from remind_jax.printing.words import sentence
-from remind_jax.tracks import Tracks
+from remind_jax.tracks import Tracks, title_of
+
+Name = Callable[[int], str]  # of an object by its id
 
 
 class Explainer(abc.ABC, Generic[Record]):
@@ -45,6 +47,11 @@ class Explainer(abc.ABC, Generic[Record]):
     @abc.abstractmethod
     def _explain(self, record: Record, tracks: Tracks, row: int) -> Explanation:
         """Why the detection became what the tracker decided, announced or not."""
+
+    def _namer(self, tracks: Tracks, row: int) -> Name:
+        """Titles of objects beside a detection; those of unknown class get the class of its own."""
+        labels, label = self._archive.labels, tracks.labels[row]
+        return lambda one: title_of(labels.get(one, label), one, tracks.names)
 
     def explain(self, frame: int, detection: int) -> Explanation:
         """Why a detection became what it became.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import cast
 
 import numpy as np
@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.explanation.archive import first_rows
-from remind_jax.explanation.explainer import Explainer, say_merged
+from remind_jax.explanation.explainer import Explainer, Name, say_merged
 from remind_jax.explanation.explanation import Explanation, Section, id_or_none, read_row
 from remind_jax.numerics.pytree import pytree
 from remind_jax.plus.answers import SMALL
@@ -23,7 +23,7 @@ from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Stage, Verdicts
 from remind_jax.printing.words import change, compare, listing, number, plural, sentence
-from remind_jax.tracks import Tracks, title_of
+from remind_jax.tracks import Tracks
 
 _NOTABLE = 0.25  # log odds; less is not mentioned
 
@@ -110,11 +110,7 @@ class PlusExplainer(Explainer[PlusRecord]):
         return first_rows(PlusRecord(trace, decisions.object_id, decisions.confidence), num)
 
     def _explain(self, record: PlusRecord, tracks: Tracks, row: int) -> PlusExplanation:
-        v, label, labels = record.verdicts, tracks.labels[row], self._archive.labels
-
-        def name(object_id: int) -> str:
-            return title_of(labels.get(object_id, label), object_id, tracks.names)
-
+        v, label, name = record.verdicts, tracks.labels[row], self._namer(tracks, row)
         is_open = v.stage[row] == Stage.OPEN
         candidates = _candidates(v, row, name)
         answer_id = id_or_none(v.answer_id[row])
@@ -161,7 +157,7 @@ class PlusExplainer(Explainer[PlusRecord]):
         return found
 
 
-def _candidates(v: Verdicts, row: int, name: Callable[[int], str]) -> tuple[PlusCandidate, ...]:
+def _candidates(v: Verdicts, row: int, name: Name) -> tuple[PlusCandidate, ...]:
     found = []
     for place in np.argsort(-v.option_belief[row], kind="stable"):
         object_id = int(v.option_id[row, place])

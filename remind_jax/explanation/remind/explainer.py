@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any, cast
 
 import jax
@@ -11,7 +10,7 @@ import numpy as np
 
 from remind_jax.decision import NO_ID, Decisions, Outcome
 from remind_jax.explanation.archive import first_rows
-from remind_jax.explanation.explainer import Explainer
+from remind_jax.explanation.explainer import Explainer, Name
 from remind_jax.explanation.explanation import id_or_none, read_row
 from remind_jax.explanation.remind.explanation import (
     Anchor,
@@ -38,7 +37,7 @@ from remind_jax.remind.trace import (
     SetTrace,
     Trace,
 )
-from remind_jax.tracks import Tracks, title_of
+from remind_jax.tracks import Tracks
 
 
 @pytree
@@ -77,8 +76,6 @@ class FrameRecord:
 _TERMS = ("object", "background", "parts", "ring_prototypes")  # the last only if it is on
 _MAX_SETS = 5
 
-Name = Callable[[int], str]  # of an object by its id
-
 
 class RemindExplainer(Explainer[FrameRecord]):
     """Explains decisions of one run."""
@@ -87,11 +84,7 @@ class RemindExplainer(Explainer[FrameRecord]):
     record = staticmethod(FrameRecord.of_step)
 
     def _explain(self, record: FrameRecord, tracks: Tracks, row: int) -> RemindExplanation:
-        label, labels = tracks.labels[row], self._archive.labels
-
-        def name(object_id: int) -> str:
-            return title_of(labels.get(object_id, label), object_id, tracks.names)
-
+        label, name = tracks.labels[row], self._namer(tracks, row)
         d, stages, known = record.decisions, record.stages, record.detections
         is_rated, object_id = tracks.is_rated(row), int(d.object_id[row])
         outcome = Outcome(int(d.outcome[row]))
