@@ -317,7 +317,5 @@ def _label_class(sightings: Sightings, collapsed: Int[np.ndarray, "N"]) -> dict[
 
 def _is_first(sightings: Sightings) -> Bool[np.ndarray, "G"]:
     """Observations in the first frame in which their object is visible."""
-    _, index = number_ids(sightings.gt_id)
-    first = np.full(index.max(initial=-1) + 1, np.iinfo(np.int64).max)
-    np.minimum.at(first, index, sightings.gt_frame)
-    return sightings.gt_frame == first[index]
+    _, first, index = np.unique(sightings.gt_id, return_index=True, return_inverse=True)
+    return sightings.gt_frame == sightings.gt_frame[first[index]]
