@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float, Int
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.metrics.combine import ratio
 from remind_jax.metrics.decisions import FIRM, Decisions
-from remind_jax.metrics.sequence import number_ids
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,13 +67,12 @@ def uncertainty_scores(counts: UncertaintyCounts) -> dict[str, Any]:
 def find_owners(
     frame: Int[np.ndarray, "N"], gt_id: Int[np.ndarray, "N"], firm_id: Int[np.ndarray, "N"]
 ) -> dict[int, int]:
-    """The object that each id was firmly given to most often.
+    """The object that each id was firmly given to most often; frames do not fall.
 
     Ties go to the object seen earlier, then to the smaller ground-truth id.
     """
-    objects, index = number_ids(gt_id.astype(np.int64))
-    first_seen = np.full(len(objects), np.iinfo(np.int64).max)
-    np.minimum.at(first_seen, index, frame)
+    objects, first, index = np.unique(gt_id, return_index=True, return_inverse=True)
+    first_seen = frame[first]
     said = firm_id != NO_ID
     pairs, count = np.unique(
         np.stack([firm_id[said], index[said]]).astype(np.int64), axis=1, return_counts=True
