@@ -13,7 +13,6 @@ from scipy.optimize import linear_sum_assignment
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.metrics.decisions import FIRM, SOFT, Decisions
-from remind_jax.metrics.sequence import number_ids
 
 # A provisional new track has no object id yet; until then it is called this plus its pending id.
 PROVISIONAL_BASE = 1_000_000_000
@@ -85,7 +84,7 @@ def settle_candidates(
     if not pairs:
         return label
     row, ids, scores = (np.asarray(column) for column in zip(*pairs, strict=True))
-    labels, column = number_ids(ids.astype(np.int64))
+    labels, column = np.unique(ids.astype(np.int64), return_inverse=True)
     # All gains in score together are less than 1, the worth of one more settled detection.
     spread = max(scores.max() - scores.min(), 1e-12)
     worth = 1.0 + (scores - scores.min()) / spread / (len(options) + 1)

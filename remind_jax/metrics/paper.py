@@ -17,7 +17,6 @@ from remind_jax.metrics.collapse import PROVISIONAL_BASE, collapse_published
 from remind_jax.metrics.combine import ratio
 from remind_jax.metrics.decisions import NO_ROW, Decisions, take_or
 from remind_jax.metrics.recovery import ANY_CLASS, NO_LABEL, Answers, count_recovery, find_reference
-from remind_jax.metrics.sequence import number_ids
 from remind_jax.metrics.uncertainty import (
     UncertaintyCounts,
     find_owners,
@@ -211,7 +210,7 @@ def _count(
     num_answers: int,
     uncertainty: tuple[int, ...],
 ) -> PaperCounts:
-    objects, index = number_ids(sightings.gt_id)
+    objects, index = np.unique(sightings.gt_id, return_inverse=True)
     share = np.bincount(index, correct, len(objects)) / np.maximum(1, np.bincount(index))
     is_mt, is_ml = share >= _MOSTLY_TRACKED, share <= _MOSTLY_LOST
     firm = _firm_answers(sightings)
@@ -256,7 +255,7 @@ def _answers(
 ) -> Answers:
     """Labels numbered from 0, with the class of each, for the one-to-one reference."""
     said = label != NO_ID
-    names, number = number_ids(label[said])
+    names, number = np.unique(label[said], return_inverse=True)
     numbered = np.full(len(label), NO_LABEL)
     numbered[said] = number
     overlap = take_or(sightings.iou, sightings.detection, 0.0)

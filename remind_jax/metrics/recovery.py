@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from remind_jax.metrics.combine import ratio
 from remind_jax.metrics.matching import match_detections
-from remind_jax.metrics.sequence import TrackingSequence, number_ids
+from remind_jax.metrics.sequence import TrackingSequence
 
 NO_LABEL = -1
 ANY_CLASS = -1
@@ -37,7 +37,7 @@ class Answers:
     @property
     def objects(self) -> Int[np.ndarray, "objects"]:
         """Ids of the objects, ascending; references and counts per object are in this order."""
-        return number_ids(self.gt_id)[0]
+        return np.unique(self.gt_id)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,10 +71,10 @@ def find_reference(answers: Answers) -> Int[np.ndarray, "objects"]:
     answers have classes, as in the paper's protocol (the original's evaluator; a tracker gains
     nothing by calling everything alike).
     """
-    objects, index = number_ids(answers.gt_id)
+    objects, index = np.unique(answers.gt_id, return_inverse=True)
     said = np.flatnonzero(answers.label != NO_LABEL)
     num_labels = max(1, len(answers.label_class))
-    found, member = number_ids(index[said] * num_labels + answers.label[said])
+    found, member = np.unique(index[said] * num_labels + answers.label[said], return_inverse=True)
     owner, label = found // num_labels, found % num_labels
     count = np.bincount(member, minlength=len(found))
     overlap = np.bincount(member, answers.similarity[said], len(found))
@@ -105,7 +105,7 @@ def count_recovery(
     Args:
       min_absence_frames: After shorter gaps an object does not return, it was there.
     """
-    objects, index = number_ids(answers.gt_id)
+    objects, index = np.unique(answers.gt_id, return_inverse=True)
     order = np.lexsort((answers.frame, index))
     index, frame = index[order], answers.frame[order]
     is_right = (answers.label[order] == reference[index]) & (answers.label[order] != NO_LABEL)

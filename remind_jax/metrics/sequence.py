@@ -59,7 +59,7 @@ class Side:
 
     @cached_property
     def _numbering(self) -> tuple[np.ndarray, np.ndarray]:
-        return number_ids(self.id)
+        return np.unique(self.id, return_inverse=True)
 
     def select(self, keep: Bool[np.ndarray, "N"]) -> Side:
         """Only some of the rows."""
@@ -140,7 +140,7 @@ class TrackingSequence:
         """Pairs of ids that ever overlap (object, label), and which of them each row pair is."""
         num_labels = max(1, len(self.pred.objects))
         key = self.gt.index[self.pair_gt] * num_labels + self.pred.index[self.pair_pred]
-        found, member = number_ids(key)
+        found, member = np.unique(key, return_inverse=True)
         return found // num_labels, found % num_labels, member
 
     def select(
@@ -166,12 +166,6 @@ class TrackingSequence:
             )
         index = self.class_names.index(class_name)
         return self.select(self.gt.class_index == index, self.pred.class_index == index)
-
-
-def number_ids(ids: Int[np.ndarray, "N"]) -> tuple[Int[np.ndarray, "U"], Int[np.ndarray, "N"]]:
-    """The distinct ids, ascending, and the position of each id among them."""
-    found, member = np.unique(ids, return_inverse=True)
-    return found, member
 
 
 def _make_side(num_frames: int, frame: Any, ids: Any, classes: Any) -> Side:
