@@ -44,14 +44,9 @@ def sum_counts(counts: Counts) -> Counts:
     return map_counts(lambda values: np.asarray(values).sum(axis=0), counts)
 
 
-def add_counts(counts: Counts, more: Counts) -> Counts:
-    """Adds counts field by field."""
-    return map_counts(np.add, counts, more)
-
-
 def total_counts(of_units: Counts, rest: Counts) -> Counts:
     """The sum over the units of a leading axis and what belongs to none of them."""
-    return add_counts(sum_counts(of_units), rest)
+    return map_counts(np.add, sum_counts(of_units), rest)
 
 
 def pool_counts(counts: Iterable[Counts]) -> Counts:
@@ -103,7 +98,7 @@ def bootstrap_intervals(
     ends = 50 * (1 - level), 50 * (1 + level)
     drawn = resample_counts(counts, num_resamples, seed)
     if remainder is not None:
-        drawn = add_counts(drawn, remainder)
+        drawn = map_counts(np.add, drawn, remainder)
     intervals = {}
     for name, values in score(drawn).items():
         values = np.asarray(values, float).reshape(num_resamples, -1).mean(axis=1)
