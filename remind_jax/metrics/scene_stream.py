@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import posixpath
 from collections.abc import Callable, Mapping, Sized
 from pathlib import Path
 from typing import Any, TypeVar
@@ -161,9 +162,9 @@ def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str 
     """
     if len(truth.files) == len(predictions.files) == 1:
         return dict(zip(truth.files, predictions.files, strict=True)), []
-    known = {_last_part(name): name for name in predictions.files}
+    known = {posixpath.basename(name): name for name in predictions.files}
     partner = {
-        scene: scene if scene in predictions.files else known.get(_last_part(scene))
+        scene: scene if scene in predictions.files else known.get(posixpath.basename(scene))
         for scene in truth.files
     }
     if not any(partner.values()):
@@ -196,7 +197,3 @@ def _open_truth(
     if format is None and all(map(is_blank, opened.files.values())):
         format = open_scenes(prediction, truth=opened).format
     return open_scenes(truth, format) if format in TEXT_FORMATS else opened
-
-
-def _last_part(name: str) -> str:
-    return name.rpartition("/")[2]
