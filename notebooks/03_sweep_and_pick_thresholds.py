@@ -92,7 +92,7 @@ for axis, (metric, colors) in zip(all_axes, shown.items()):
     middle = (values.min() + values.max()) / 2
     for row in range(shape[0]):
         for column in range(shape[1]):
-            is_dark = (values[row, column] < middle)
+            is_dark = values[row, column] < middle
             axis.text(column, row, f"{values[row, column]:.1f}", ha="center", va="center",
                       color="white" if is_dark else "black")  # fmt: skip
     axis.set_xticks(range(len(firm)), firm)

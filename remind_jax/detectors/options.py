@@ -31,7 +31,7 @@ class DetectorOptions:
     mask_threshold: float = 0.5  # probability from which a pixel belongs to an instance
     erosion_px: int = 2  # square kernel of 2 r + 1, once; the image border does not eat into masks
     min_mask_px: int = 1  # smaller masks are dropped and counted, after erosion
-    classes: tuple[str, ...] | None = None  # keep only these, in any letter case (after SOURCE)
+    classes: tuple[str, ...] | None = None  # keep only these, any letter case; all if left out
     ignored_classes: tuple[str, ...] = ()  # never kept, any letter case
     class_names: tuple[str, ...] | None = None  # by index, in the place of the file's own
     input_size_px: int | None = None  # longer side of the input of models that leave it open

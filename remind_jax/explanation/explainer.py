@@ -76,17 +76,18 @@ class Explainer(abc.ABC, Generic[Record]):
         is_unannounced = reason == Reason.SEEN_TOO_FEW_TIMES
         if decided == (object_id, outcome, reason) and not is_unannounced:
             return explanation
+        why: tuple[str, ...]
         if is_unannounced:
             why = (
                 "What it shows was detected too few times to be announced (input.announce_after "
-                f"{self._config.input.announce_after}), so it is reported as provisional."
+                f"{self._config.input.announce_after}), so it is reported as provisional.",
             )
         elif explanation.object_id is not None:
             why = say_merged(explanation.name, tracks, detection)
         else:
             why = (
                 "Of candidates, the answer counts merged objects as one, and leaves out what is "
-                "not announced yet."
+                "not announced yet.",
             )
         return dataclasses.replace(
             explanation,
@@ -94,19 +95,19 @@ class Explainer(abc.ABC, Generic[Record]):
             outcome=outcome,
             reason=reason,
             object_id=object_id,
-            why=(*explanation.why, why),
+            why=(*explanation.why, *why),
         )
 
 
-def say_merged(decided: str, tracks: Tracks, row: int) -> str:
-    """The sentence on an object, by the name it was decided as, that was merged into another."""
+def say_merged(decided: str, tracks: Tracks, row: int) -> tuple[str, ...]:
+    """A sentence on an object, by the name it was decided as, that was merged into another."""
     if tracks.object_id[row] != NO_ID:
-        return sentence(f"{decided} was merged into {tracks.display_name(row)}")
+        return (sentence(f"{decided} was merged into {tracks.display_name(row)}"),)
     holds_it = np.isin(tracks.object_id, tracks.candidate_id[row, :1])
-    other = int(np.flatnonzero(holds_it)[0])
-    return (
+    return tuple(
         f"Its object and that of detection {other} were merged into {tracks.display_name(other)}, "
         f"and detection {other} is the better match."
+        for other in np.flatnonzero(holds_it)[:1].tolist()
     )
 
 

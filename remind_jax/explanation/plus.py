@@ -143,7 +143,7 @@ class PlusExplainer(Explainer[PlusRecord]):
         )
         why = give_reasons(explanation, cast(PlusThresholds, self._config.thresholds))
         if explanation.reason == Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH:
-            why = (*why, say_merged(explanation.name, tracks, row))
+            why = (*why, *say_merged(explanation.name, tracks, row))
         return dataclasses.replace(explanation, why=why)
 
     @functools.cached_property

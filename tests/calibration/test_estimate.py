@@ -7,11 +7,13 @@ from hypothesis import strategies as st
 
 from remind_jax.calibration.estimate import (
     COSINES,
+    MAX_COSINE,
     PART_MERGE,
     SCORE_DIFFERENCES,
     SCORES,
     WEIGHTS,
     Evidence,
+    Line,
     estimate,
     estimate_part_merge,
 )
@@ -100,3 +102,7 @@ def test_parts_are_merged_by_how_parts_lie():
     found = estimate_part_merge(cosines, 0.5 * cosines[::-1] + 0.25, START)
     assert found == pytest.approx(0.5 * START[PART_MERGE] + 0.25)
     assert estimate_part_merge(cosines, np.zeros(0), START) == START[PART_MERGE]
+
+
+def test_no_threshold_is_beyond_what_views_reach():
+    assert Line(scale=3.0, offset=0.0).point(0.9) == MAX_COSINE < 1.0
