@@ -32,7 +32,7 @@ def combine(parts: Sequence[Backbone]) -> Backbone:
         features = []
         for part in parts:
             size = rows * part.patch_px, columns * part.patch_px
-            found = part.apply(_scaled(images, size))
+            found = part.extract(_scaled(images, size))
             features.append(to_unit(jnp.asarray(found)) / len(parts) ** 0.5)
         return jnp.concatenate(features, axis=-1)
 

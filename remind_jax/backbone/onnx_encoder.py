@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.registry import Backbone
-from remind_jax.detectors.onnx_model import MEAN, STD, OnnxModel, image_input
+from remind_jax.detectors.onnx_model import MEAN, STD, OnnxModel, image_input, model_digest
 from remind_jax.errors import ConfigError, WeightsError
 from remind_jax.masks.letterbox import Letterbox
 
@@ -109,7 +108,7 @@ def onnx_encoder(
         tokens = np.stack([see(_scaled(image, inside, patch_px)) for image in images])
         return _to_frame(tokens, images.shape[1:3], inside, patch_px)
 
-    digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    digest = model_digest(Path(path))
     options = f"{','.join(patches.name for patches in chosen)}-{[*mean, *std]}"
     return Backbone(
         name=f"onnx-{Path(path).stem}-{digest[:12]}",
@@ -141,7 +140,8 @@ def _find_patches(
         what = "no output of" if wanted is None else f"not every one of the outputs '{wanted}' of"
         raise WeightsError(
             f"{what} '{path}' is a patch grid or token sequence for an image of "
-            f"{size[1]}x{size[0]} pixels; its outputs are {shapes}"
+            f"{size[1]}x{size[0]} pixels; its outputs are {shapes}. Where patches are of a size "
+            "that does not divide these, export it with a fixed input"
         )
     listed = ", ".join(f"'{patches.name}' ({patches.patch_px} pixels)" for patches in found)
     if wanted is None and len(found) > 1:

@@ -51,7 +51,11 @@ def make_contenders(names: Sequence[str] = ()) -> tuple[Contender, ...]:
         raise ConfigError(
             f"two methods to compare are called {twice!r}; name one only, or rename its file"
         )
-    return made
+    titles = [one.title for one in made]
+    return tuple(
+        one if titles.count(one.title) == 1 else dataclasses.replace(one, title=one.name)
+        for one in made
+    )
 
 
 def _make(name: str) -> Contender:

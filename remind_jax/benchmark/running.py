@@ -25,10 +25,12 @@ from remind_jax.benchmark.records import Record, folder_of, read_record, write_r
 from remind_jax.benchmark.scenes import Scene
 from remind_jax.compiled.method_code import code_of
 from remind_jax.detectors import DetectorOptions
+from remind_jax.detectors.onnx_model import model_digest
 from remind_jax.errors import RemindError, first_line
 from remind_jax.masks.alignment import Alignment
 from remind_jax.method import get_method
 from remind_jax.outputs.result import Result
+from remind_jax.outputs.store import DETECTIONS_NAME
 from remind_jax.session.growing_memory import return_freed_memory
 from remind_jax.session.run import run
 from remind_jax.sources.sampling import Sampling
@@ -84,7 +86,11 @@ def run_all(
             folder = folder_of(setup.out, setup.regime, contender.name, scene.name)
             fingerprint = _fingerprint(setup, contender, shown, detector)
             known = read_record(folder)
-            is_known = known is not None and known.fingerprint == fingerprint
+            is_known = (
+                known is not None
+                and known.fingerprint == fingerprint
+                and (known.status == "failed" or (folder / DETECTIONS_NAME).exists())
+            )
             num_kills = known.num_kills if known and is_known else 0
             is_tried_again = 0 < num_kills < _MAX_KILLS or (
                 known is not None and setup.retry_failed and known.status == "failed"
@@ -237,6 +243,4 @@ def _fingerprint(
 def _describe_detector(setup: Setup) -> list[str] | None:
     if setup.detector is None:
         return None
-    with setup.detector.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return [digest, repr(setup.detector_options or DetectorOptions())]
+    return [model_digest(setup.detector), repr(setup.detector_options or DetectorOptions())]

@@ -19,7 +19,7 @@ from remind_jax.metrics.evaluation import Evaluation, pool_evaluations, scene_in
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.run_evaluation import evaluate_pair
 from remind_jax.metrics.run_folder import number_detections
-from remind_jax.outputs.store import DETECTIONS_NAME, read_detections
+from remind_jax.outputs.store import read_run
 from remind_jax.sources.sampling import Sampling
 
 MIN_SCENES = 5  # fewer say nothing about the spread between scenes
@@ -71,7 +71,7 @@ def score(out: Path, record: Record, truth: TrackRows) -> Scored:
         return Scored(record, error=record.error)
     folder = folder_of(out, record.regime, record.contender, record.scene)
     try:
-        _, tracks = read_detections(folder / DETECTIONS_NAME)
+        _, tracks, _ = read_run(folder)
         paired = pair_scene(truth, number_detections(tracks, truth.name))
         strict, settled = (
             evaluate_pair(paired, tracks, undecided=how) for how in ("strict", "collapse")

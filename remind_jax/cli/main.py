@@ -155,6 +155,9 @@ def _execute(words: Sequence[str], chatter: Callable[[], str]) -> int:
         if "RESOURCE_EXHAUSTED" in str(error):  # as the compiler says it
             _complain_of_memory(first_line(error))
             return process.ERROR
+        if fault := process.find_jax_fault():
+            process.complain(fault)
+            return process.ERROR
         process.report_failure(error, chatter())
         return process.FAILED
 

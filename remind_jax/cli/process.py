@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
+import os
 import signal
 import sys
 import tempfile
@@ -11,7 +13,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator
 from types import FrameType
 
-from remind_jax.errors import shortened
+from remind_jax.errors import first_line, shortened
 from remind_jax.printing.terminal import printable
 
 FINE = 0
@@ -22,19 +24,56 @@ INTERRUPTED = 130  # Ctrl-C, after finishing what was done
 BROKEN_PIPE = 141  # the reader of our output went away
 
 _TURN_S = 0.0005
+_AGAIN_S = 0.05
 
 
 @contextlib.contextmanager
 def ending_well() -> Iterator[list[int]]:
-    """Lets other signals end what goes on as Ctrl-C does; gives a list that they will be in."""
+    """Lets signals end what goes on as Ctrl-C does; gives a list that they will be in.
+
+    Raised within an import, the exception may abort the process, and what is raised within a
+    callback of the garbage collector is dropped by Python: then the signal comes again.
+    """
     signals: list[int] = []
 
     def stop(number: int, frame: FrameType | None) -> None:
         signals.append(number)
-        raise KeyboardInterrupt
+        if _is_importing(frame):
+            _send_again(number)
+        else:
+            raise KeyboardInterrupt
 
-    with handling(ending_signals(), stop):
-        yield signals
+    def tell_dropped(dropped: sys.UnraisableHookArgs) -> None:
+        if isinstance(dropped.exc_value, KeyboardInterrupt):
+            _send_again(signals[-1] if signals else signal.SIGINT)
+        else:
+            former(dropped)
+
+    former, sys.unraisablehook = sys.unraisablehook, tell_dropped
+    try:
+        with handling(ending_signals(), stop):
+            yield signals
+    finally:
+        sys.unraisablehook = former
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Whether a module is being imported there."""
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _send_again(number: int) -> None:
+    def send() -> None:
+        if sys.platform == "win32":
+            _thread.interrupt_main(number)
+        else:  # wakes what waits as well
+            signal.pthread_kill(threading.main_thread().ident or 0, number)
+
+    threading.Timer(_AGAIN_S, send).start()
 
 
 @contextlib.contextmanager
@@ -52,8 +91,8 @@ def handling(
 
 
 def ending_signals() -> list[signal.Signals]:
-    """Signals that end a process as Ctrl-C does: SIGTERM, and that the terminal was closed."""
-    known = [signal.SIGTERM]
+    """Signals that end a process: Ctrl-C, SIGTERM, and that the terminal was closed."""
+    known = [signal.SIGINT, signal.SIGTERM]
     known += [signal.SIGHUP] if hasattr(signal, "SIGHUP") else []
     return [one for one in known if signal.getsignal(one) != signal.SIG_IGN]  # as `nohup` has it
 
@@ -67,6 +106,21 @@ def complain(sentence: str) -> None:
     """Says on standard error what is wrong, if anybody listens there."""
     with contextlib.suppress(OSError, ValueError):
         print(shortened(printable(f"remind: {sentence}")), file=sys.stderr)
+
+
+def find_jax_fault() -> str:
+    """Why JAX does not start in this environment, in a sentence; "" if it does."""
+    try:
+        import jax
+
+        jax.devices()
+    except Exception as error:  # also AssertionError without a word
+        given = [f"{name}={value}" for name, value in os.environ.items() if name.startswith("JAX_")]
+        why = first_line(error) if str(error) else "it finds no such device"
+        return (
+            f"JAX does not start with {', '.join(given) or 'this environment'}: {why}; correct it"
+        )
+    return ""
 
 
 def report_failure(error: BaseException, chatter: str = "") -> None:

@@ -43,7 +43,7 @@ class RunDisplay(RunLine):
 
     def __enter__(self) -> RunDisplay:
         self._handled = contextlib.ExitStack()
-        self._handled.enter_context(handling((signal.SIGINT, *ending_signals()), self._stop))
+        self._handled.enter_context(handling({signal.SIGINT, *ending_signals()}, self._stop))
         super().__enter__()
         return self
 

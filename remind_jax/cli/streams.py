@@ -113,7 +113,7 @@ def _replaced(name: str, descriptor: int, kind: type[io.TextIOWrapper]) -> Itera
     stream = kind(
         os.fdopen(os.dup(descriptor), "wb"),
         encoding=getattr(former, "encoding", "utf-8"),
-        errors=getattr(former, "errors", "backslashreplace"),
+        errors="backslashreplace",
         line_buffering=name == "stderr" or os.isatty(descriptor),
     )
     setattr(sys, name, stream)

@@ -10,7 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli.flags import Assignments, BackboneName, flags, load_config_with
-from remind_jax.errors import ConfigError
+from remind_jax.errors import ConfigError, OutputError
 from remind_jax.session.progress import RunLine
 from remind_jax.settings.ranges import check_option
 from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS
@@ -70,8 +70,13 @@ class Warmup:
                     f"{width}x{height}: ready after {seconds:.1f} s, for up to {room} detections "
                     f"in a frame and {most_objects} objects"
                 )
+        folder = program_folder()
+        if folder is not None and not (folder.is_dir() and any(folder.iterdir())):
+            raise OutputError(
+                f"nothing could be kept in '{folder}'; set {VARIABLE} to a folder that can be "
+                "written to and has room"
+            )
         if not self.quiet:
-            folder = program_folder()
             print(f"kept in {folder}" if folder else f"nothing is kept, as {VARIABLE} says")
 
 

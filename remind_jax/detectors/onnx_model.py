@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,8 @@ MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 STD = np.array([0.229, 0.224, 0.225], np.float32)
 
 MAX_INPUT_PX = 8192  # a side of the input of a network
+# A file beside the model with the numbers of a tensor, as the format writes it: key, length, name.
+_NUMBERS_BESIDE = re.compile(rb"\n\x08location\x12([\x01-\x7f])", re.DOTALL)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +76,18 @@ class OnnxModel:
                 f"{list(tensor.shape)}: {first_line(error)}"
             ) from error
         return {name: np.asarray(a, np.float32) for name, a in zip(names, arrays, strict=True)}
+
+
+def model_digest(path: Path) -> str:
+    """Hash of a model file, and of the files that it keeps its weights in."""
+    content = path.read_bytes()
+    digest = hashlib.sha256(content)
+    found = _NUMBERS_BESIDE.finditer(content)
+    for name in sorted({content[one.end() : one.end() + one[1][0]] for one in found}):
+        beside = path.parent / name.decode("utf-8", "replace")
+        if beside.is_file():
+            digest.update(beside.read_bytes())
+    return digest.hexdigest()
 
 
 def image_input(signature: Signature, what: str) -> TensorSpec:

@@ -100,12 +100,19 @@ _UNFINISHED = re.compile(r".+\.([\w-]+)\.(\d+)-\d+\.part")
 def user_cache_folder() -> Path:
     """The folder of this package in what the system sets aside for that."""
     if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+        base = os.environ.get("LOCALAPPDATA") or _home() / "AppData" / "Local"
     elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
+        base = _home() / "Library" / "Caches"
     else:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        base = os.environ.get("XDG_CACHE_HOME") or _home() / ".cache"
     return Path(base) / "remind-jax"
+
+
+def _home() -> Path:
+    try:
+        return Path.home()
+    except RuntimeError:  # of a user whom the system does not know: nothing is kept
+        return Path("/nonexistent")
 
 
 @contextlib.contextmanager

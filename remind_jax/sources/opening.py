@@ -235,7 +235,7 @@ def _existing(path: str | Path) -> Path:
     try:
         resolved = given.expanduser()
         resolved = resolved.resolve() if ".." in resolved.parts else resolved.absolute()
-    except RuntimeError as error:  # of a user that there is not
+    except (RuntimeError, OSError) as error:  # of a user that there is not; nor a current folder
         raise SourceError(f"'{path}' is no path that can be read: {error}") from error
     if resolved.name.lower().endswith(PACKED):
         raise SourceError(f"'{path}' is packed; unpack it")

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from remind_jax.backbone import get_backbone
+from remind_jax.backbone import Backbone, get_backbone
+from remind_jax.backbone.combined import combine
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import check_name, parts_of, register
 from remind_jax.errors import ConfigError
@@ -52,6 +53,13 @@ def test_fingerprint_is_of_all_parts_and_their_order(vit):
     made = [get_backbone(name) for name in names]
     assert len({backbone.fingerprint for backbone in made}) == 4
     assert made[0].name == f"patch-statistics+{made[3].name}"
+
+
+def test_a_part_that_gives_no_grid_is_named():
+    part = Backbone("flat", 16, 3, lambda images: np.zeros((len(images), 3), np.float32))
+    joined = combine([get_backbone("patch-statistics"), part])
+    with pytest.raises(ConfigError, match="'flat'"):
+        joined.extract(IMAGES)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from remind_jax.backbone import get_backbone
 from remind_jax.backbone.onnx_encoder import PatchOutput, recognize
 from remind_jax.errors import ConfigError, WeightsError
-from tests.detectors.onnx_bytes import model, node, text, varint, write_fixed_answer
+from tests.detectors import onnx_bytes
+from tests.detectors.onnx_bytes import model, node, number, text, varint, write_fixed_answer
 
 pytest.importorskip("onnxruntime")
 
@@ -62,6 +63,25 @@ def test_grids_and_tokens_are_recognized_and_read(tmp_path, kind):
     assert backbone.name.startswith("onnx-tiny-")
     # Sums of 768 products in float32.
     np.testing.assert_allclose(backbone.extract(IMAGES), expected(), rtol=0, atol=1e-3)
+
+
+def test_weights_in_a_file_beside_it_are_part_of_what_it_is(tmp_path, monkeypatch):
+    """As `onnx.save(..., save_as_external_data=True)` writes them."""
+
+    def apart(name, array):
+        sizes = b"".join(number(1, size) for size in array.shape)
+        place = text(13, text(1, "location") + text(2, "tiny.onnx.data")) + number(14, 1)
+        return sizes + number(2, 1) + text(8, name) + place
+
+    monkeypatch.setattr(onnx_bytes, "constant", apart)
+    path, made = write_encoder(tmp_path / "tiny.onnx", "grid"), []
+    for kernel in (KERNEL, 2 * KERNEL):
+        (tmp_path / "tiny.onnx.data").write_bytes(kernel.tobytes())
+        made.append(get_backbone(f"onnx:{path}"))
+    # Sums of 768 products in float32.
+    np.testing.assert_allclose(made[0].extract(IMAGES), expected(), rtol=0, atol=1e-3)
+    assert made[0].name != made[1].name
+    assert made[0].fingerprint != made[1].fingerprint
 
 
 def test_of_several_outputs_those_meant_have_to_be_named(tmp_path):

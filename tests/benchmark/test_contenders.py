@@ -1,7 +1,11 @@
+import dataclasses
+
 import pytest
 
+from remind_jax import method as methods
 from remind_jax.benchmark.contenders import all_contenders, make_contenders
 from remind_jax.errors import ConfigError
+from remind_jax.method import get_method
 
 
 def test_contenders_by_name(tmp_path):
@@ -19,6 +23,12 @@ def test_contenders_by_name(tmp_path):
     ablations = make_contenders(["ablation_no_parts", "ablation_plus_no_layout"])
     assert [one.title for one in ablations] == ["remind: no parts", "plus: no layout"]
     assert len({one.title for one in make_contenders()}) == len(names)
+
+
+def test_a_title_that_two_have_gives_way_to_their_names(monkeypatch):
+    other = dataclasses.replace(get_method("bank"), name="bank-2")
+    monkeypatch.setitem(methods._methods, "bank-2", other)
+    assert [one.title for one in make_contenders(["bank", "bank-2"])] == ["bank", "bank-2"]
 
 
 @pytest.mark.parametrize(

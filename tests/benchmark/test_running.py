@@ -8,6 +8,7 @@ import pytest
 
 from remind_jax import method as methods
 from remind_jax.benchmark import running
+from remind_jax.benchmark.records import folder_of
 from remind_jax.benchmark.running import peak_rss_mib, reset_peak
 from remind_jax.benchmark.scenes import find_scenes
 from remind_jax.benchmark.scoring import read_truth, score, score_scene
@@ -42,12 +43,14 @@ def test_results_are_kept_and_nothing_is_done_twice(setup, dataset, monkeypatch)
         "data/alike-1/Annotations/*/*.png",
         "data/alike-1/meta*.json",
         "detector.onnx",
+        "detector.onnx.data",
     ],
 )
 def test_other_content_under_the_same_names_is_another_result(setup, dataset, tmp_path, changed):
     shutil.copytree(dataset / "alike-1", tmp_path / "data" / "alike-1")
     detector = tmp_path / "detector.onnx"
-    detector.write_bytes(b"none, so that runs fail soon")
+    detector.write_bytes(b"none, so that runs fail soon\n\x08location\x12\x12detector.onnx.data")
+    detector.with_name("detector.onnx.data").write_bytes(b"numbers")
     setup = dataclasses.replace(setup, detector=detector)
     _, new = run(setup, find_scenes(dataset)[:1], ("iou",))
     assert new == [("alike-1", "iou")]
@@ -65,6 +68,20 @@ def test_another_own_method_of_the_same_name_is_another_result(setup, dataset, m
         own = dataclasses.replace(package, decide=functools.partial(package.decide, own=value))
         monkeypatch.setitem(methods._methods, "iou", own)
         assert run(setup, scenes, ("iou",))[1] == [("alike-1", "iou")] * is_new
+
+
+def test_a_result_that_is_lost_is_made_again_and_one_cut_off_has_failed(setup, dataset):
+    scenes = find_scenes(dataset)[:1]
+    (record,), _ = run(setup, scenes, ("iou",))
+    file = folder_of(setup.out, "masks", "iou", "alike-1") / "detections.jsonl"
+    lines = file.read_bytes().splitlines(keepends=True)
+    file.write_bytes(b"".join(lines[:5]))
+    scored = score(setup.out, record, read_truth(scenes[0]))
+    assert scored.strict is None
+    assert "holds 4 frames" in scored.error
+    file.unlink()
+    assert run(setup, scenes, ("iou",))[1] == [("alike-1", "iou")]
+    assert file.read_bytes().splitlines()[1:] == [line.rstrip() for line in lines[1:]]
 
 
 def test_an_interruption_costs_the_run_in_work(setup, dataset, monkeypatch):

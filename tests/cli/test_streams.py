@@ -112,3 +112,10 @@ def test_closed_streams_are_no_defect(redirection, scored):
     finished = run(command, shell=True, cwd=scored)
     assert finished.stderr == ""
     assert finished.returncode == exit_codes.FINE
+
+
+def test_letters_that_the_output_lacks_are_spelled():
+    code = "import sys; from remind_jax.cli import main as m; "
+    code += "m.VERBS['view'].execute = lambda verb: print('é日本'); sys.exit(m.main(['view', 'x']))"
+    finished = run([sys.executable, "-c", code], env=QUIET | {"PYTHONIOENCODING": "ascii"})
+    assert (finished.returncode, finished.stdout) == (0, "\\xe9\\u65e5\\u672c\n")

@@ -40,3 +40,11 @@ def test_nothing_is_kept_if_so_wished(command, monkeypatch):
     size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
     done = command(*words(size), "--detections", "0")
     assert "nothing is kept" in done.stdout
+
+
+def test_a_folder_that_keeps_nothing_is_told(command, monkeypatch, tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "file"))
+    done = command(*words(f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"), "--detections", "0")
+    assert done.code == 1
+    assert "nothing could be kept in" in done.stderr

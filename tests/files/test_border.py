@@ -19,7 +19,6 @@ READING = {
 }
 # Modules that read only what belongs to this package or to the system, or hand reading on.
 OUR_OWN = {
-    "remind_jax/backbone/onnx_encoder.py": "the digest of a network that was opened",
     "remind_jax/backbone/patch_statistics.py": "what light changes, beside it",
     "remind_jax/benchmark/running.py": "the memory of the process, in /proc",
     "remind_jax/benchmark/scenes.py": "the digest of a scene",

@@ -4,6 +4,7 @@ import os
 import stat
 import sys
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
@@ -26,6 +27,13 @@ def test_cache_folder_follows_the_system(monkeypatch, tmp_path):
         assert user_cache_folder() == tmp_path / system / "remind-jax"
     monkeypatch.setattr(saving.sys, "platform", "darwin")
     assert user_cache_folder() == Path.home() / "Library" / "Caches" / "remind-jax"
+
+
+def test_a_user_whom_the_system_does_not_know_has_a_cache_folder_that_keeps_nothing(monkeypatch):
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(saving.sys, "platform", "linux")
+    monkeypatch.setattr(saving.Path, "home", mock.Mock(side_effect=RuntimeError))
+    assert user_cache_folder() == Path("/nonexistent/.cache/remind-jax")
 
 
 @pytest.mark.parametrize("read", [read_bytes, read_text])

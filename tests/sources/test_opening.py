@@ -132,3 +132,11 @@ def test_names_that_are_no_text_are_written_out(tmp_path):
     os.rename(tmp_path / "v", os.fsencode(tmp_path) + b"/v\xff")
     with pytest.raises(SourceError, match=r"cannot be used: it is no text in UTF-8; rename it"):
         open_source(os.fsdecode(os.fsencode(tmp_path) + b"/v\xff"))
+
+
+def test_a_current_folder_that_is_gone_is_told(tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(SourceError, match=r"'x\.mp4' is no path that can be read"):
+        open_source("x.mp4")
