@@ -15,7 +15,7 @@ import numpy as np
 from remind_jax.errors import SourceError
 from remind_jax.files.records import decode_rows
 from remind_jax.formats import coco
-from remind_jax.formats.firm import firm_ids, firm_rows, main_labels
+from remind_jax.formats.firm import firm_ids, firm_rows, main_labels, stated_confidence
 from remind_jax.formats.rows import UNKNOWN_CLASS, Row, TrackRows, collect_rows
 from remind_jax.frame import Rle
 from remind_jax.tracks import Tracks
@@ -203,7 +203,7 @@ def coco_video(
             }
             annotation["bboxes"][position] = [left, top, right - left, bottom - top]
             annotation["areas"][position] = int(frame.areas[row])
-            scores.setdefault(object_id, []).append(float(frame.confidence[row]))
+            scores.setdefault(object_id, []).append(stated_confidence(frame, row))
     video = {"id": 1, "name": name, "height": height, "width": width, "length": len(tracks)}
     return {
         "info": {"description": name, "fps": fps},

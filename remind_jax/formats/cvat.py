@@ -287,9 +287,10 @@ def to_cvat(
     label_of = main_labels(run, [*map(firm_ids, run)])
     for object_id, sights in _sights(run).items():
         named = {"id": str(object_id), "label": printable(label_of[object_id])}
-        track = ElementTree.SubElement(root, "track", named, source="automatic")
+        track = ElementTree.SubElement(root, "track", named, source="auto")
         for (index, row), (following, _) in pairwise([*sights, (len(run), 0)]):
-            shape = _Polygon(frame=numbers[index], points=_outline(run[index].rles[row]))
+            points = _outline(run[index].rles[row], (height, width))
+            shape = _Polygon(frame=numbers[index], points=points)
             _add_shape(track, shape)
             if following > index + 1:
                 gone = msgspec.structs.replace(shape, frame=numbers[index + 1], outside=True)
@@ -308,11 +309,12 @@ def _sights(run: Sequence[Tracks]) -> dict[int, list[tuple[int, int]]]:
     return dict(sorted(sights.items()))
 
 
-def _outline(rle: Rle) -> str:
+def _outline(rle: Rle, frame_size: _Size) -> str:
     """One polygon around all parts of a mask and its holes, which lines there and back join.
 
-    It runs a quarter of a pixel within the mask, so that the centers of its pixels are inside and
-    no others: it is read as the same mask.
+    It is given in pixels of a frame of that size, whatever that of the mask, and runs a quarter of
+    a pixel within the mask, so that the centers of its pixels are inside and no others: it is read
+    as the same mask.
     """
     left, top, width, height = mask_box(rle)
     part = decode_mask(rle)[top : top + height, left : left + width]
@@ -322,7 +324,8 @@ def _outline(rle: Rle) -> str:
     for ring in others:
         at = int(np.argmin(((path - ring[0]) ** 2).sum(axis=1)))
         path = np.concatenate([path[: at + 1], ring, ring[:1], path[at:]])
-    corners = (path + 0.5) / 2 + (left, top)
+    scale = np.divide(frame_size, rle["size"])[::-1]
+    corners = ((path + 0.5) / 2 + (left, top)) * scale
     return ";".join(f"{x:.2f},{y:.2f}" for x, y in corners.tolist())
 
 

@@ -31,6 +31,15 @@ def firm_ids(tracks: Tracks) -> Int[np.ndarray, "N"]:
     return ids
 
 
+def stated_confidence(tracks: Tracks, row: int) -> float:
+    """The confidence of a detection; 1 where the tracker rates nothing, as new objects often.
+
+    Scorers leave out what has 0, and rank it last.
+    """
+    rated = tracks.shown_confidence(row)
+    return 1.0 if rated is None else rated
+
+
 def main_labels(run: Sequence[Tracks], ids: Sequence[Int[np.ndarray, "_"]]) -> dict[int, str]:
     """The class of most detections of each identity, by the identities of every frame."""
     votes: dict[int, Counter[str]] = {}
@@ -61,7 +70,8 @@ def masks_without_overlap(tracks: Tracks, rows: Int[np.ndarray, "K"]) -> list[Rl
         return [rle if area else None for rle, area in zip(rles, areas, strict=True)]
     taken: Bool[np.ndarray, "H W"] = np.zeros(tracks.frame_size, bool)
     cut: list[Rle | None] = [None] * len(rles)
-    for place in np.argsort(-tracks.confidence[rows], kind="stable"):
+    confidence = np.array([stated_confidence(tracks, row) for row in rows])
+    for place in np.argsort(-confidence, kind="stable"):
         free = decode_mask(rles[place]).astype(bool) & ~taken
         taken |= free
         if free.any():

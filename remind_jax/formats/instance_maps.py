@@ -74,11 +74,6 @@ def read_instance_maps(
         except UnreadableFrame as error:
             raise SourceError(f"'{file}': {error}") from error
         size = size or (labels.shape[0], labels.shape[1])
-        if labels.shape != size:
-            raise SourceError(
-                f"'{file}' has {labels.shape[1]}x{labels.shape[0]} pixels, not "
-                f"{size[1]}x{size[0]}; all must be of one size"
-            )
         for number, rle in encode_label_map(labels).items():
             if is_truth and labels.dtype == np.uint8 and number == void:
                 ignored_frame.append(place)

@@ -13,7 +13,13 @@ from jaxtyping import Float, Int
 from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_FRAMES, MAX_SIDE_PX, MAX_TEXT_BYTES
-from remind_jax.formats.firm import firm_ids, firm_rows, main_labels, masks_without_overlap
+from remind_jax.formats.firm import (
+    firm_ids,
+    firm_rows,
+    main_labels,
+    masks_without_overlap,
+    stated_confidence,
+)
 from remind_jax.formats.rows import UNKNOWN_CLASS, Row, TrackRows, collect_rows
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import mask_areas, union_area
@@ -268,15 +274,13 @@ def mot_lines(tracks: Iterable[Tracks]) -> list[str]:
     """MOTChallenge results: `frame,id,left,top,width,height,confidence,-1,-1,-1`.
 
     Ids, and frames as the source counts them, start at 1. Class and visibility are -1, as the
-    challenge asks of results; classes are in `tracks.csv`. Where the tracker rates nothing, as the
-    paper's does not rate new objects, the confidence is 1: 0 would be what scorers leave out.
+    challenge asks of results; classes are in `tracks.csv`.
     """
     lines = []
     for frame in tracks:
         for row in firm_rows(frame):
             left, top, right, bottom = frame.boxes[row]
-            rated = frame.shown_confidence(row)
-            confidence = 1.0 if rated is None else rated
+            confidence = stated_confidence(frame, row)
             lines.append(
                 f"{frame.source_index + 1},{frame.object_id[row] + 1},{left:.2f},{top:.2f},"
                 f"{right - left:.2f},{bottom - top:.2f},{confidence:.4f},-1,-1,-1"

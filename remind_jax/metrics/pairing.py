@@ -206,16 +206,18 @@ def _measure(truth: TrackRows, prediction: TrackRows) -> Pairs:
     """Overlapping rows of truth and predictions, and their intersection over union."""
     overlap: Callable[[Any, Any], np.ndarray]
     sides: tuple[Any, Any]
-    if truth.rles and prediction.rles:
-        fitted = _fit_masks(prediction.rles, size_of(truth.rles[0]), prediction.name)
-        overlap, sides = rle_iou, (truth.rles, fitted)
+    if has_masks := bool(truth.rles and prediction.rles):
+        overlap, sides = rle_iou, (truth.rles, prediction.rles)
     else:
         overlap, sides = box_iou, _boxes_in_one_size(truth, prediction)
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
     for frame in np.intersect1d(truth.frame, prediction.frame):
         first, stop = np.searchsorted(truth.frame, [frame, frame + 1])
         first_pred, stop_pred = np.searchsorted(prediction.frame, [frame, frame + 1])
-        matrix = overlap(sides[0][first:stop], sides[1][first_pred:stop_pred])
+        true, found = sides[0][first:stop], sides[1][first_pred:stop_pred]
+        if has_masks:
+            found = _fit_masks(found, size_of(true[0]), prediction.name)
+        matrix = overlap(true, found)
         row, column = np.nonzero(matrix)
         parts.append((row + first, column + first_pred, matrix[row, column]))
     rows, columns, ious = (np.concatenate(column) for column in zip(*parts, strict=True))

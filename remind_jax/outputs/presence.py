@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from remind_jax.decision import NO_ID, Outcome
+from remind_jax.formats.firm import main_labels
 from remind_jax.tracks import Tracks, title_of
 
 # Shorter gaps are flicker of detector or decision, not an absence worth a mark.
@@ -26,7 +27,7 @@ class ObjectHistory:
     """When one identity was seen. Frames are `Tracks.frame_index`."""
 
     object_id: int
-    label: str
+    label: str  # of most of its detections
     title: str  # its name, else class and id
     num_frames: int  # frames with a firm detection
     seen: tuple[Span, ...]  # frames with a firm detection
@@ -54,13 +55,11 @@ def find_histories(run: Sequence[Tracks], min_absence_frames: int) -> tuple[Obje
     """Every identity of a run, by rising id."""
     seen: dict[int, list[int]] = collections.defaultdict(list)
     candidate: dict[int, list[int]] = collections.defaultdict(list)
-    labels: dict[int, str] = {}
+    labels = main_labels(run, [tracks.object_id for tracks in run])
     names: Mapping[int, str] = {}
     for position, tracks in enumerate(run):
-        for object_id, label in zip(tracks.object_id.tolist(), tracks.labels, strict=True):
-            if object_id != NO_ID:
-                seen[object_id].append(position)
-                labels.setdefault(object_id, label)
+        for object_id in tracks.object_id[tracks.object_id != NO_ID].tolist():
+            seen[object_id].append(position)
         names = tracks.names
         undecided = np.isin(tracks.outcome, UNDECIDED)
         for object_id in np.unique(tracks.candidate_id[undecided]).tolist():

@@ -13,8 +13,9 @@ from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import SourceError
 from remind_jax.formats.coco_tracks import coco_video
 from remind_jax.formats.cvat import to_cvat
+from remind_jax.formats.instance_maps import write_instance_maps
 from remind_jax.formats.mot import mot_lines
-from remind_jax.masks.run_length import encode_masks
+from remind_jax.masks.run_length import decode_mask, encode_masks
 from remind_jax.metrics import SceneOptions, evaluate, evaluate_tracks
 from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
 from remind_jax.outputs.store import DETECTIONS_NAME, detections_writer
@@ -111,6 +112,32 @@ def test_outputs_of_one_strided_run_agree_whichever_is_the_truth(tmp_path: Path)
     coco.write_text(json.dumps(coco_video(run, classes, "run", 10.0)))
     for sides in itertools.permutations((folder, mot, cvat, coco), 2):
         assert evaluate(*sides).scores()["IDF1"] == 1.0, sides
+
+
+def test_outputs_of_frames_of_two_sizes_agree_whichever_is_the_truth(tmp_path: Path):
+    run, classes = make_run(), [*CLASSES.values()]
+    for at in (3, 4):
+        masks = np.array([decode_mask(rle) for rle in run[at].rles]) > 0
+        twice = encode_masks(masks.repeat(2, axis=1).repeat(2, axis=2))
+        size = (2 * run[at].frame_size[0], 2 * run[at].frame_size[1])
+        run[at] = dataclasses.replace(
+            run[at], frame_size=size, rles=twice, boxes=2 * run[at].boxes, areas=4 * run[at].areas
+        )
+    folder, cvat, coco = save(tmp_path / "run", run), tmp_path / "cvat.xml", tmp_path / "coco.json"
+    cvat.write_bytes(to_cvat(run, "run", classes, run[0].frame_size))
+    coco.write_text(json.dumps(coco_video(run, classes, "run", 10.0)))
+    write_instance_maps(run, "run", tmp_path / "maps" / "run")
+    for sides in itertools.permutations((folder, cvat, coco, tmp_path / "maps"), 2):
+        assert evaluate(*sides).scores()["IDF1"] == 1.0, sides
+
+
+def test_what_a_tracker_does_not_rate_counts_as_sure():
+    masks = np.ones((1, 4, 6), bool)
+    new = {"object_id": 0, "outcome": Outcome.NEW, "score": 0.0, "confidence": 0.0}
+    run = [make_tracks(0, masks, [new]), make_tracks(1, masks, [{"object_id": 0}])]
+    (annotation,) = coco_video(run, ["cup"], "run", 10.0)["annotations"]
+    assert annotation["score"] == pytest.approx(0.9)  # of 1 and 0.8
+    assert [line.split(",")[6] for line in mot_lines(run)] == ["1.0000", "0.8000"]
 
 
 def test_undecided_detections_beside_the_truth_are_no_observations(tmp_path: Path, truth: Path):

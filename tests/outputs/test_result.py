@@ -225,3 +225,11 @@ def test_returns_of_a_long_recording_are_found_at_once():
     begun = time.process_time()
     assert history.returns == tuple(starts[1:])
     assert time.process_time() - begun < 2
+
+
+def test_an_identity_has_the_class_of_most_of_its_detections():
+    labels = ("bowl", "cup", "cup", "vase")
+    masks = np.ones((1, 8, 8), bool)
+    run = [make_tracks(i, masks, [{"object_id": 0, "label": one}]) for i, one in enumerate(labels)]
+    (history,) = Result(tuple(run), make_info()).objects()
+    assert (history.label, history.title) == ("cup", "cup 0")
