@@ -97,7 +97,7 @@ class Decisions:
     candidate_final: Float[Array, "N C"]  # score after context
     candidate_eligible: Bool[Array, "N C"]  # open to assignment
     candidate_plausible: Bool[Array, "N C"]  # not vetoed by context
-    num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
+    num_bad_patches: Int[Array, ""]  # patches of the frame that are not usable
 
 
 @pytree

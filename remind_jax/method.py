@@ -257,7 +257,7 @@ class Method:
     # `decide(state, seen, *, static, thresholds) -> (state, trace)`: who is who, and what is
     # remembered of it. The trace is a pytree of arrays, what decisions were made of, or None;
     # where nobody reads it, the compiler leaves it out. Nothing may overflow for `seen` of zeros
-    # only, which fills up the frames of a scene.
+    # only, which fills up the end of a scene.
     decide: Callable[..., tuple[Any, Any]]
     # `describe(frame_feats, masks, observed, *, static, thresholds) -> seen`, a pytree of arrays:
     # what a frame looks like, whatever is remembered. `static` counts no objects there.
@@ -285,7 +285,7 @@ class Method:
           state: Memory before the frame, from `init` or an earlier step.
           frame_feats: Patch features of the frame, or of closeups of its detections.
           masks: Its detections.
-          observed: What `needs.observe` gave for it.
+          observed: What `needs.observe` gave for it; as of a frame without an image if left out.
           static: Capacities; those that `state` was made with.
           thresholds: Its numbers; the published ones if left out.
 
@@ -296,6 +296,8 @@ class Method:
           ConfigError: If memory or frame were not made for these capacities.
         """
         self._check_capacities(state, frame_feats, masks, static)
+        if observed is None and self.needs.observe is not None:
+            observed = self.needs.observe(None, None, None)
         thresholds = self.settings() if thresholds is None else thresholds
         options = {"static": static, "thresholds": thresholds}
         seen = self.describe(frame_feats, masks, observed, **options)

@@ -148,5 +148,5 @@ class Descriptors:
     mask_quality: Float[Array, "N"]  # solidity of the mask, (0, 1]
     class_id: Int[AnyArray, "N"]
     valid: Bool[AnyArray, "N"]  # a detection with a mask and finite features
-    num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
+    num_bad_patches: Int[Array, ""]  # patches of the frame that are not usable
     ring_prototypes: RingPatches | None = None  # only with static.ring_prototypes

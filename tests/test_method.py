@@ -1,6 +1,7 @@
 """Trackers by name, and that a run needs nothing else of them."""
 
 import dataclasses
+import functools
 import pickle
 
 import jax
@@ -15,7 +16,9 @@ from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Decisions, Outcome, Overflow, no_decisions
 from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.frame import Frame
+from remind_jax.masks.reduction import reduce_masks
 from remind_jax.method import Method, Needs, get_method, list_methods, register_method
+from remind_jax.observation import FrameFeats
 from remind_jax.session import live
 from remind_jax.static import Static
 
@@ -377,6 +380,18 @@ def test_a_memory_or_frame_of_other_capacities_is_refused_in_a_step():
             bank.step(bank.init(static), *frame, static=static)
     with pytest.raises(ConfigError, match="not made by tracker 'iou'"):
         step(bank.init(scene.static))
+
+
+def test_a_step_without_what_is_observed_is_one_of_a_frame_without_an_image():
+    method = get_method("plus")
+    static = method.static(num_detections=2, num_objects=4, num_pending=2, feature_dim=8)
+    feats = FrameFeats(np.zeros((3, 4, 8), np.float32), np.array([48, 64], np.int32))
+    masks = reduce_masks(
+        np.zeros((0, 48, 64), bool), np.zeros(0, np.int32), np.zeros(0), num_slots=2, patch_px=16
+    )
+    state = method.init(static)
+    shape = jax.eval_shape(functools.partial(method.step, static=static), state, feats, masks)
+    assert jax.tree.structure(shape) == jax.tree.structure(state)
 
 
 def test_a_scene_whose_features_change_their_shape_is_refused():

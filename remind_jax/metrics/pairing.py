@@ -214,7 +214,8 @@ def _measure(truth: TrackRows, prediction: TrackRows) -> Pairs:
     for frame in np.intersect1d(truth.frame, prediction.frame):
         first, stop = np.searchsorted(truth.frame, [frame, frame + 1])
         first_pred, stop_pred = np.searchsorted(prediction.frame, [frame, frame + 1])
-        true, found = sides[0][first:stop], sides[1][first_pred:stop_pred]
+        true: Any = sides[0][first:stop]
+        found: Any = sides[1][first_pred:stop_pred]
         if has_masks:
             found = _fit_masks(found, size_of(true[0]), prediction.name)
         matrix = overlap(true, found)

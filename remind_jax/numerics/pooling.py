@@ -10,6 +10,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 TINY = 1e-12
+MAX_FEATURE = 1e15  # squares of larger ones may not add up in 32 bits
+
+
+def are_usable(features: Float[Array, "... D"]) -> Bool[Array, "..."]:
+    """Patches whose features are all finite, and small enough to be squared."""
+    return jnp.all(jnp.abs(features) < MAX_FEATURE, axis=-1)
 
 
 def to_unit(vectors: Float[Array, "... D"]) -> Float[Array, "... D"]:

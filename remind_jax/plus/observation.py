@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.pooling import pool_patches, to_unit
+from remind_jax.numerics.pooling import are_usable, pool_patches, to_unit
 from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import (
     AnyArray,
@@ -52,7 +52,7 @@ class Sightings:
     touches: Bool[Array, "N"]  # the border of the frame
     valid: Bool[Array, "N"]
     frame_center: Float[Array, "2"]
-    num_bad_patches: Int[Array, ""]  # with a feature that is not finite; they are left out
+    num_bad_patches: Int[Array, ""]  # not usable; they are left out
 
 
 def observe(
@@ -71,8 +71,8 @@ def observe(
       Detections (method_plus.md#sightings) and motion.
     """
     features = jnp.asarray(frame_feats.patches, jnp.float32)
-    finite = jnp.all(jnp.isfinite(features), axis=-1)
-    features = jnp.where(finite[..., None], features, 0.0)
+    usable = are_usable(features)
+    features = jnp.where(usable[..., None], features, 0.0)
     features = jnp.where(unit_patches, to_unit(features), features)
 
     inside = jnp.asarray(coverage_of(frame_feats, masks), jnp.float32)
@@ -81,8 +81,8 @@ def observe(
         inside, -jnp.inf, lax.max, (1, reach, reach), (1, 1, 1), "SAME"
     )  # fmt: skip
     around = jnp.where(near > 0, 1.0 - inside, 0.0)
-    look, is_seen = pool_patches(inside * inside * finite, features)
-    ring, has_ring = pool_patches(around * finite, features)
+    look, is_seen = pool_patches(inside * inside * usable, features)
+    ring, has_ring = pool_patches(around * usable, features)
     is_background = jnp.asarray(background_channels(frame_feats))
     look = jnp.where(is_background, ring, look)
     ring = jnp.where(is_background | ~jnp.any(is_background), ring, 0.0)
@@ -90,7 +90,7 @@ def observe(
     # The tracker may work at a smaller size than that of the frame; the motion was measured there.
     known = jnp.all(jnp.asarray(motion.frame_size) > 0)
     size = jnp.where(known, motion.frame_size, frame_feats.frame_size).astype(jnp.float32)
-    unit = jnp.sqrt(size[0] * size[1] / FRAME_AREA)
+    unit = jnp.sqrt(jnp.maximum(size[0] * size[1], 1.0) / FRAME_AREA)  # also of no frame at all
     size_px = jnp.sqrt(jnp.asarray(masks.area, jnp.float32))
     valid = jnp.asarray(masks.valid) & is_seen
     sightings = Sightings(
@@ -107,9 +107,10 @@ def observe(
         touches=jnp.asarray(masks.relations.touches_border),
         valid=valid,
         frame_center=size[::-1] / (2 * unit),
-        num_bad_patches=jnp.sum(~finite, dtype=jnp.int32),
+        num_bad_patches=jnp.sum(~usable, dtype=jnp.int32),
     )
     matrix = jnp.asarray(motion.matrix, jnp.float32)
+    matrix = jnp.where(jnp.any(matrix[:, :2] != 0), matrix, jnp.eye(2, 3))  # of zeros: unknown
     matrix = jnp.concatenate([matrix[:, :2], matrix[:, 2:] / unit], axis=1)
     score, elapsed = (jnp.asarray(leaf, jnp.float32) for leaf in (motion.score, motion.elapsed))
     return sightings, Motion(matrix, score, motion.frame_size, elapsed)

@@ -92,7 +92,7 @@ def note_omissions(
         )
         omitted.append(Event(index, "ignored", message))
     if bad := int(decisions.num_bad_patches):
-        message = f"{bad} patches were left out for a feature that is not finite"
+        message = f"{bad} patches were left out for a feature that is not finite or far too large"
         omitted.append(Event(index, "features", message))
     is_second = np.asarray(decisions.reason[:num]) == Reason.DOUBLE
     if doubles := int(np.sum(prepared.is_double | is_second)):

@@ -41,6 +41,7 @@ def assign(
       solver: `"host"`: SciPy in one callback for all groups and batch entries; `"jax"`: the same
         procedure in the graph, with equal results.
     """
+    scores, dummy = jax.lax.stop_gradient((scores, dummy))  # columns are whole numbers
     if solver == "jax":
         return assign_in_graph(scores, allowed, group, dummy, dummies, present)
     if solver != "host":

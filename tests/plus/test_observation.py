@@ -68,8 +68,9 @@ def test_lengths_do_not_depend_on_the_size_of_the_frame(scale):
     np.testing.assert_allclose(moved.matrix, moved_large.matrix, rtol=1e-6)
 
 
-def test_patches_that_are_not_finite_are_left_out_and_counted():
-    sightings, _ = seen(value=np.nan)
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e20])  # the last one cannot be squared
+def test_patches_that_are_not_usable_are_left_out_and_counted(value):
+    sightings, _ = seen(value=value)
     assert sightings.num_bad_patches == 4
     assert not sightings.valid.any()
     assert np.isfinite(sightings.look).all()
@@ -78,3 +79,15 @@ def test_patches_that_are_not_finite_are_left_out_and_counted():
 def test_lengths_of_features_count_unless_patches_are_scaled():
     np.testing.assert_allclose(seen(value=5.0)[0].look[0, 0], 5.0, rtol=1e-6)
     np.testing.assert_allclose(seen(value=5.0, unit_patches=True)[0].look[0, 0], 1.0, rtol=1e-6)
+
+
+def test_a_frame_of_zeros_is_one_without_detections_that_goes_on():
+    feats = FrameFeats(np.zeros((6, 8, 2), np.float32), np.zeros(2, np.int32))
+    masks = reduce_masks(
+        np.zeros((0, 48, 64), bool), np.zeros(0, np.int32), np.zeros(0), num_slots=2, patch_px=8
+    )
+    zeros = jax.tree.map(np.zeros_like, (feats, masks, seen()[1]))
+    sightings, motion = OBSERVE(*zeros, jnp.array(True))
+    assert not sightings.valid.any()
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((sightings, motion)))
+    np.testing.assert_array_equal(motion.matrix, np.eye(2, 3))

@@ -128,3 +128,22 @@ def test_unknown_solver_is_named():
     problem = make_problem(np.random.default_rng(0), 1, 1)
     with pytest.raises(ConfigError, match="'scipy' is unknown; use 'host' or 'jax'"):
         assign(*map(jnp.asarray, problem), solver="scipy")
+
+
+@pytest.mark.parametrize("solver", ["jax", "host"])
+def test_who_gets_what_has_no_derivative(solver):
+    problem = make_problem(np.random.default_rng(0), 6, 4)
+
+    def taken(scores):
+        column = assign(scores, *problem[1:], solver=solver)
+        return jnp.sum(
+            jnp.where(
+                column == NO_SLOT,
+                0.0,
+                jnp.take_along_axis(scores, jnp.maximum(column, 0)[:, None], axis=1)[:, 0],
+            )
+        )
+
+    slope = jax.grad(taken)(problem[0])
+    assert set(np.unique(slope)) <= {0.0, 1.0}
+    assert slope.sum() == np.sum(np.asarray(twin(*problem)) != NO_SLOT)

@@ -10,7 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.pooling import pool_patches, to_unit
+from remind_jax.numerics.pooling import are_usable, pool_patches, to_unit
 from remind_jax.numerics.pytree import pytree
 from remind_jax.observation import (
     AnyFeats,
@@ -28,7 +28,7 @@ class Looks:
 
     vector: Float[Array, "N D"]  # unit length, zero where not valid
     valid: Bool[Array, "N"]
-    num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
+    num_bad_patches: Int[Array, ""]  # patches of the frame that are not usable
 
 
 @pytree
@@ -49,13 +49,13 @@ def describe(
 def look(frame_feats: AnyFeats, masks: Masks) -> Looks:
     """Averages patch features over each mask, in the frame or in closeups.
 
-    Patches count by the square of their coverage, which favors those that lie inside. Patches with
-    a feature that is not finite are left out; a detection without any other is not valid.
+    Patches count by the square of their coverage, which favors those that lie inside. Patches that
+    are not usable (`are_usable`) are left out; a detection without any other is not valid.
     """
-    finite = jnp.all(jnp.isfinite(frame_feats.patches), axis=-1)
-    usable = finite[..., None] & ~background_channels(frame_feats)
-    features = jnp.where(usable, frame_feats.patches, 0.0)
+    usable = are_usable(frame_feats.patches)
+    is_told = usable[..., None] & ~background_channels(frame_feats)
+    features = jnp.where(is_told, frame_feats.patches, 0.0)
     inside = coverage_of(frame_feats, masks)
-    weights = jnp.where(masks.valid[:, None, None] & finite, inside**2, 0.0)
+    weights = jnp.where(masks.valid[:, None, None] & usable, inside**2, 0.0)
     mean, present = pool_patches(weights, features.astype(jnp.float32))
-    return Looks(to_unit(mean), present & masks.valid, jnp.sum(~finite, dtype=jnp.int32))
+    return Looks(to_unit(mean), present & masks.valid, jnp.sum(~usable, dtype=jnp.int32))

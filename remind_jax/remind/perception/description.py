@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from remind_jax.errors import ConfigError
-from remind_jax.numerics.pooling import keep_typical, pool
+from remind_jax.numerics.pooling import are_usable, keep_typical, pool
 from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import unit
@@ -33,19 +33,19 @@ def describe(
 ) -> Descriptors:
     """Describes every detection (method.md#patch-coverage, method.md#object-descriptors).
 
-    Patches with a feature that is not finite are left out everywhere; a detection that loses all
+    Patches that are not usable (`are_usable`) are left out everywhere; a detection that loses all
     its patches is not valid. One that never covered a patch is, without any descriptor
     (method.md#described-frame).
     """
     t = thresholds.perception
     num = masks.valid.shape[0]
-    finite = jnp.all(jnp.isfinite(frame_feats.patches), axis=-1)
-    features = jnp.where(finite[..., None], frame_feats.patches, 0.0)
+    usable = are_usable(frame_feats.patches)
+    features = jnp.where(usable[..., None], frame_feats.patches, 0.0)
     features = features.reshape(-1, features.shape[-1]).astype(jnp.float32)
 
     given = jnp.where(masks.valid[:, None, None], masks.coverage, 0.0)
     filled = jnp.where(masks.valid[:, None, None], masks.filled_coverage, 0.0)
-    coverage = jnp.where(finite, given, 0.0)
+    coverage = jnp.where(usable, given, 0.0)
     selected = coverage > t.patch_coverage.astype(coverage.dtype)
     weights = jnp.where(selected, coverage, 0.0).reshape(num, -1)
     members = selected.reshape(num, -1)
@@ -73,7 +73,7 @@ def describe(
         given > t.patch_coverage.astype(given.dtype),
         filled > t.ring_object_coverage.astype(filled.dtype),
     )
-    rings = find_rings(blocked, static.switches.ring_max_radius, t) & finite
+    rings = find_rings(blocked, static.switches.ring_max_radius, t) & usable
     background = ring_weights(rings, filled)
     ring_mean, ring_present = pool(background, features)
     prototypes = None
@@ -99,7 +99,7 @@ def describe(
         mask_quality=jnp.where(masks.quality > 0, masks.quality, 1.0).astype(static.scalar),
         class_id=masks.class_id,
         valid=masks.valid & ~(covered & ~left),
-        num_bad_patches=jnp.sum(~finite, dtype=jnp.int32),
+        num_bad_patches=jnp.sum(~usable, dtype=jnp.int32),
         ring_prototypes=prototypes,
     )
 
