@@ -53,6 +53,8 @@ class Tracks(Printable):
     instance_ids: Int[np.ndarray, "N"]  # ground truth where known, else -1
     rles: tuple[Rle, ...]
     names: Mapping[int, str] = dataclasses.field(default_factory=dict)  # given by people, by id
+    # Of identities by id, as most of their detections are; that of the detection where it lacks.
+    classes: Mapping[int, str] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -102,7 +104,7 @@ class Tracks(Printable):
             )
         label, object_id = self.labels[row], int(self.object_id[row])
         if object_id != NO_ID:
-            return title_of(label, object_id, self.names)
+            return title_of(self.classes.get(object_id, label), object_id, self.names)
         could_be = [int(one) for one in self.candidate_id[row] if one != NO_ID]
         if self.outcome[row] == Outcome.PROVISIONAL_PARENT:
             could_be = could_be[:1]

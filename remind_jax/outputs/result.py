@@ -19,6 +19,7 @@ from remind_jax.explanation.explainer import Explainer, open_archive
 from remind_jax.explanation.explanation import Explanation
 from remind_jax.files import as_path
 from remind_jax.files.limits import MAX_FRAMES
+from remind_jax.formats.firm import main_labels
 from remind_jax.frame import SkippedFrame
 from remind_jax.method import get_method
 from remind_jax.outputs import store
@@ -228,8 +229,11 @@ class Result(Printable):
         """
         run_dir = as_path(run_dir, "the folder of a run", OutputError)
         info, tracks, run = store.read_run(run_dir)
-        if names := info.object_names:
-            tracks = tuple(dataclasses.replace(frame, names=names) for frame in tracks)
+        shown = {
+            "names": info.object_names,
+            "classes": main_labels(tracks, [frame.object_id for frame in tracks]),
+        }
+        tracks = tuple(dataclasses.replace(frame, **shown) for frame in tracks)
         if run is not None and run.info.tracker != info.tracker:
             raise OutputError(
                 f"'{run_dir}' holds parts of two runs: {store.RUN_NAME} is of tracker "

@@ -38,6 +38,7 @@ class _Row(msgspec.Struct, frozen=True):
     ]  # quality and bytes of each
     visit: tuple[Count, Annotated[int, Meta(ge=-1, lt=MAX_PICTURES)]]  # its frames, its picture
     now: Count = 0  # frames in the session of the last sight
+    lead: Count = 0  # of its class
 
 
 class FiledRecords(msgspec.Struct, frozen=True):
@@ -74,6 +75,7 @@ def to_file(
             pictures=[(picture.quality, len(picture.jpeg)) for picture in fitting[one]],
             visit=(record.pictures.num_frames, record.pictures.place_of_now(fitting[one])),
             now=record.num_now,
+            lead=record.lead,
         )
         for one, record in kept.items()
     ]
@@ -135,7 +137,7 @@ def _read_rows(filed: FiledRecords, pictures: bytes) -> dict[int, ObjectRecord]:
         num_frames, place = row.visit
         now = views.pop(place) if 0 <= place < len(views) else None
         known = Pictures(best_of(views), now, num_frames)
-        found[row.id] = ObjectRecord(row.label, row.frames, first, last, known, row.now)
+        found[row.id] = ObjectRecord(row.label, row.frames, first, last, known, row.now, row.lead)
     if start != len(pictures):
         raise SourceError(f"{len(pictures) - start} bytes of pictures belong to no object")
     return found

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.formats.firm import main_labels
 from remind_jax.outputs.run_records import Event
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import (
@@ -151,7 +152,9 @@ class Identities:
         self.announcements = announce_late(self.announcements, run, self.announce_after)
         announced = [as_announced(self.announcements, decided) for decided in run]
         self.records.recount(announced)
-        return tuple(self.records.answer(tracks) for tracks in announced)
+        answered = [self.records.answer(tracks) for tracks in announced]
+        classes = main_labels(answered, [tracks.object_id for tracks in answered])
+        return tuple(dataclasses.replace(tracks, classes=classes) for tracks in answered)
 
     def _with_first_ones(self, announced: Tracks) -> Tracks:
         """The answers, new where an object never had one: it may have been known unannounced."""

@@ -39,7 +39,7 @@ class Sight:
 
 @dataclasses.dataclass(frozen=True)
 class RememberedObject(KnownObject):
-    """An object in memory, as people are told of it; its class is that at first sight."""
+    """An object in memory, as people are told of it."""
 
     num_frames: int  # in which its identity was firm
     first: Sight
@@ -52,16 +52,25 @@ class RememberedObject(KnownObject):
 class ObjectRecord:
     """One object by itself."""
 
-    label: str
+    label: str  # of most of its detections, by Boyer and Moore
     num_frames: int
     first: Sight
     last: Sight
     pictures: Pictures
     num_now: int = 0  # of these frames, those in the session of the last sight
+    lead: int = 0  # detections of this class beyond those of others, as they were counted
 
     def frames_in(self, session: int) -> int:
         """Frames in a session that is the newest."""
         return self.num_now if self.last.session == session else 0
+
+    def named(self, label: str, times: int = 1) -> ObjectRecord:
+        """With so many more detections of a class."""
+        if label == self.label:
+            return dataclasses.replace(self, lead=self.lead + times)
+        if times <= self.lead:
+            return dataclasses.replace(self, lead=self.lead - times)
+        return dataclasses.replace(self, label=label, lead=times - self.lead)
 
     def joined(self, other: ObjectRecord) -> ObjectRecord:
         """The two as one."""
@@ -71,8 +80,8 @@ class ObjectRecord:
         num_now = self.frames_in(last.session) + other.frames_in(last.session)
         if first.session == last.session:  # in some frames both were seen
             num_frames = num_now = min(num_frames, last.frame - first.frame + 1)
-        return ObjectRecord(
-            label=self.label,
+        return dataclasses.replace(
+            self.named(other.label, other.lead),
             num_frames=num_frames,
             first=first,
             last=last,
@@ -133,7 +142,7 @@ class ObjectRecords:
             if image is not None:
                 pictures = pictures.look(image, tracks, row)
             self._records[object_id] = dataclasses.replace(
-                record,
+                record.named(tracks.labels[row]),
                 num_frames=record.num_frames + 1,
                 first=min(record.first, now),
                 last=max(record.last, now),
@@ -149,16 +158,15 @@ class ObjectRecords:
         in the end.
         """
         seen: dict[int, list[int]] = {}
-        labels: dict[int, str] = {}
+        labels: dict[int, collections.Counter[str]] = collections.defaultdict(collections.Counter)
         for tracks in run:
             for row in firm_rows(self.answer(tracks)).tolist():
                 object_id = int(tracks.object_id[row])
                 seen.setdefault(object_id, []).append(tracks.frame_index)
-                labels.setdefault(object_id, tracks.labels[row])
+                labels[object_id][tracks.labels[row]] += 1
         for object_id in sorted(seen.keys() - self._records.keys()):
             first = Sight(self.session, seen[object_id][0])
-            record = ObjectRecord(labels[object_id], 0, first, first, Pictures())
-            self._records[object_id] = record
+            self._records[object_id] = ObjectRecord("", 0, first, first, Pictures())
         declared = {*self.given, *self.merges, *self.merges.values()}
         for object_id, record in [*self._records.items()]:
             if object_id not in seen:
@@ -170,9 +178,12 @@ class ObjectRecords:
             frames = seen[object_id]
             before = record.num_frames - record.frames_in(self.session)
             first = Sight(self.session, frames[0])
+            if not before:
+                (label, times), *_ = labels[object_id].most_common(1)
+                lead = max(0, 2 * times - len(frames))
+                record = dataclasses.replace(record, label=label, lead=lead)
             self._records[object_id] = dataclasses.replace(
                 record,
-                label=record.label if before else labels[object_id],
                 num_frames=before + len(frames),
                 first=min(record.first, first) if before else first,
                 last=Sight(self.session, frames[-1]),
@@ -210,7 +221,10 @@ class ObjectRecords:
         """The answers by names and by what was declared to be one; no id is given twice for it."""
         if self.merges:
             tracks = as_merged(tracks, self.merged_into)
-        return dataclasses.replace(tracks, names=self.names) if self.given else tracks
+        shown = (self._records.get(one) for one in tracks.object_id.tolist())
+        found = zip(tracks.object_id.tolist(), shown, strict=True)
+        classes = {one: record.label for one, record in found if record is not None}
+        return dataclasses.replace(tracks, names=self.names, classes=classes)
 
     def objects(self) -> tuple[RememberedObject, ...]:
         """What is known of each object, by rising id."""
@@ -370,7 +384,7 @@ class ObjectRecords:
 
     @property
     def labels(self) -> set[str]:
-        """Classes at first sight of all objects that it has a record of."""
+        """Classes of all objects that it has a record of."""
         return {record.label for record in self._records.values()}
 
     @property

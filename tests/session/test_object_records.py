@@ -6,9 +6,11 @@ import json
 import numpy as np
 import pytest
 
+import remind_jax as rj
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import OutputError, SourceError
 from remind_jax.files.tensors import read_safetensors_header
+from remind_jax.frame import Detections
 from remind_jax.method import list_methods
 from remind_jax.session.answers import as_merged
 from remind_jax.session.filed_records import from_file, to_file
@@ -434,3 +436,33 @@ def test_of_merged_objects_that_are_given_one_name_the_last_keeps_it(tracker, tm
     tracker.load(tmp_path / "memory")
     assert tracker.split(0) == (1,)
     assert [one.name for one in tracker.objects()][:2] == ["mug", ""]
+
+
+LABELS = ("bowl", "cup", "cup", "bowl", "cup", "cup")
+SHOWN = ("bowl 0", "bowl 0", "cup 0", "cup 0", "cup 0", "cup 0")
+
+
+def test_an_object_is_shown_by_the_class_of_most_of_its_detections(tmp_path):
+    """Whatever a detector calls it in the frame."""
+    tracker = Tracker({"input": {"class_agnostic": True}}, tracker="iou")
+    image, labels = scenes.picture(0)
+    found = [tracker.update(image, Detections.create((labels == 1)[None], [one])) for one in LABELS]
+    assert [tracks.display_name(0) for tracks in found] == [*SHOWN]
+    assert [tracks.labels[0] for tracks in found] == [*LABELS]
+    assert tracker.objects()[0].title == "cup 0"
+    tracker.save(tmp_path / "memory")
+    other = Tracker({"input": {"class_agnostic": True}}, tracker="iou")
+    other.load(tmp_path / "memory")
+    tracks = other.update(image, Detections.create((labels == 1)[None], ["bowl"]))
+    assert tracks.display_name(0) == "cup 0"
+
+
+def test_a_run_shows_one_class_from_its_first_frame(tmp_path):
+    image, labels = scenes.picture(0)
+    source = [(image, Detections.create((labels == 1)[None], [one])) for one in LABELS]
+    config = {"tracker": "iou", "input": {"class_agnostic": True}}
+    result = rj.run(source, config=config, announce_after=1)
+    result.save(tmp_path / "run")
+    for shown in (result, rj.Result.load(tmp_path / "run")):
+        assert {tracks.display_name(0) for tracks in shown.tracks} == {"cup 0"}
+        assert shown.objects()[0].title == "cup 0"
