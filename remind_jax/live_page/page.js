@@ -34,7 +34,7 @@ function sentence(state) {
   const silent = duration(state.silent_s || 0);
   switch (state.source) {
     case "lost": return `${state.shown}: connection lost ${silent} ago, trying again`;
-    case "ended": return `${state.shown}: ended; everything is written to the folder of the run`;
+    case "ended": return `${state.shown}: ended; see the folder of the run`;
     case "connected":
       return state.silent_s > SILENT_S
         ? `${state.shown}: connected, but no picture that can be used for ${silent}`

@@ -120,7 +120,8 @@ def is_known_host(header: str | None, bound: str) -> bool:
     with contextlib.suppress(ValueError):
         ipaddress.ip_address(name)
         return True
-    return bool(name) and name in {"localhost", bound.lower(), socket.gethostname().lower()}
+    own = socket.gethostname().lower()
+    return name.removesuffix(".") in {"localhost", bound.lower(), own, f"{own}.local"} - {""}
 
 
 class _Server(ThreadingHTTPServer):
@@ -183,7 +184,8 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answers, or refuses."""
         if not is_known_host(self.headers.get("Host"), self.server.bound):
-            self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
+            why = "This machine has no such name; open it by its IP address"
+            self.send_error(HTTPStatus.MISDIRECTED_REQUEST, explain=why)
             return
         if self.headers.get("Sec-Fetch-Site") == "cross-site":
             self.send_error(HTTPStatus.FORBIDDEN)

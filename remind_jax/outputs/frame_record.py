@@ -51,6 +51,9 @@ class FrameRecord(contextlib.AbstractContextManager):
     def __exit__(self, *raised: object) -> None:
         self._rows.close()
         self._times.close()
+        if not self._num:  # nothing is recorded, and nothing is in the way of the next try
+            for name in (DETECTIONS_NAME, TIMES_NAME):
+                (self.target / name).unlink(missing_ok=True)
 
     def add(self, frame: Frame) -> None:
         """Writes a frame with its detections.

@@ -141,6 +141,8 @@ def test_a_picture_for_another_site_is_refused(page):
         ("10.0.0.7:8642", "0.0.0.0", True),
         ("robot:8642", "robot", True),
         ("Robot", "ROBOT", True),
+        ("robot.", "robot", True),
+        (f"{socket.gethostname()}.local:8642", "0.0.0.0", True),
         ("evil.example", "0.0.0.0", False),
         ("localhost.evil.example", "127.0.0.1", False),
         ("127.0.0.1.evil.example:80", "127.0.0.1", False),

@@ -69,3 +69,10 @@ def test_a_frame_without_image_cannot_be_recorded(tmp_path):
         pytest.raises(OutputError, match="frame 'first' has no image to record"),
     ):
         record.add(frame)
+
+
+def test_a_record_of_nothing_is_in_nobodys_way(tmp_path):
+    for _ in range(2):
+        with FrameRecord(tmp_path / "seen"):
+            pass
+    assert not list((tmp_path / "seen").iterdir())

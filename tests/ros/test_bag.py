@@ -7,6 +7,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from remind_jax.errors import OutputError, SourceError
 from remind_jax.session.live import Tracker
 from remind_ros.bag import PUBLISHED, BagTopics, identify_bag, main
+from remind_ros.identification import Identification
 from tests.ros import messages
 
 TOPICS = BagTopics("/camera/image", instances="/detector/instances")
@@ -80,6 +81,23 @@ def test_the_command_says_what_it_did(bag, tmp_path, capsys):
     assert read_ids(tmp_path / "again")[1][0][1] == read_ids(tmp_path / "out")[1][0][1]
 
 
+def test_what_was_done_before_ctrl_c_is_kept(bag, tmp_path, monkeypatch):
+    identify, done = Identification.identify, []
+
+    def stop_at_the_fourth(self, *parts):
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(1)
+        return identify(self, *parts)
+
+    monkeypatch.setattr(Identification, "identify", stop_at_the_fourth)
+    given = [str(bag), str(tmp_path / "out"), "--image", "/camera/image"]
+    kept = ["--instances", "/detector/instances", "--save", str(tmp_path / "memory")]
+    assert main([*given, *kept]) == 130
+    assert len(read_ids(tmp_path / "out")[1]) == 3
+    assert (tmp_path / "memory").exists()
+
+
 def test_messages_without_a_stamp_are_told(tmp_path):
     write_bag(tmp_path / "in", [(0, messages.scene(0))])
     done = identify_bag(tmp_path / "in", tmp_path / "out", TOPICS)
@@ -104,4 +122,7 @@ def test_what_cannot_be_done_is_said(bag, tmp_path, capsys):
     given = [str(bag), str(tmp_path / "x"), "--image", "/camera/image"]
     assert main(given) == 1
     assert capsys.readouterr().err.startswith("error: name a topic")
+    given += ["--instances", "/detector/instances", "--save", str(tmp_path / "none" / "memory")]
+    assert main(given) == 1
+    assert "there is no folder" in capsys.readouterr().err
     assert not any((tmp_path / name).exists() for name in ("out", "x"))

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -72,3 +74,15 @@ def test_what_does_not_fit_is_refused():
         read_detections(SIZE, None, None, {})
     with pytest.raises(SourceError, match="4x3 pixels and the image 30x20"):
         read_detections(SIZE, np.zeros((3, 4), int), None, {})
+
+
+def test_detections_of_ros_1_are_read_too():
+    """There a center has no position of its own, and results are the hypotheses."""
+    center = SimpleNamespace(x=5.0, y=5.0, theta=0.0)
+    one = SimpleNamespace(
+        bbox=SimpleNamespace(center=center, size_x=4.0, size_y=6.0),
+        results=[SimpleNamespace(id=7, score=0.5), SimpleNamespace(id=3, score=1.0000001)],
+    )
+    seen = read_detections(SIZE, None, SimpleNamespace(detections=[one]), {"3": "mug"})
+    assert (seen.labels, seen.scores.tolist()) == (("mug",), [1.0])
+    assert Crops.of(seen.masks).box(0) == (3, 2, 4, 6)

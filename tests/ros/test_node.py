@@ -195,6 +195,40 @@ def test_what_another_program_wrote_stays_when_the_node_ends(start, tmp_path):
     assert int(other.state.frame) == 2
 
 
+def test_after_a_reset_the_next_start_knows_nothing(start, tmp_path):
+    kept = tmp_path / "memory"
+    node, identity_node = start(**WITH_MAPS, memory=str(kept))
+    for index in range(10):
+        show(node, index)
+    assert node.call("~/save", path="")[0]
+    success, message = node.call("~/reset")
+    assert success
+    (aside,) = tmp_path.glob("memory.*")
+    assert message == f"2 objects were forgotten; what '{kept}' knew is in '{aside}'"
+    identity_node.close()
+    node, identity_node = start(**WITH_MAPS, memory=str(kept))
+    assert "starting with an empty memory" in node.logged[0]
+    for index in range(10):
+        show(node, index)
+    assert node.call("~/reset")[0]
+    show(node, 10)
+    identity_node.close()
+    assert kept.exists()  # of what came after
+
+
+def test_images_without_detections_are_told(start):
+    node, _ = start(**WITH_MAPS)
+    picture, _ = messages.scene(0)
+    for index in range(1, 62):
+        node.receive("~/image", messages.image(picture, "rgb8", index))
+    assert "messages of '~/image' go unanswered" in node.logged[-1]
+
+
+def test_every_class_id_needs_its_name(start):
+    with pytest.raises(SourceError, match="differ in length"):
+        start(**WITH_MAPS, class_ids=["0", "1"], class_names=["mug"])
+
+
 def test_a_refused_memory_ends_the_start_and_stays(install, tmp_path):
     kept = tmp_path / "memory"
     kept.write_bytes(b"cut off")

@@ -1,9 +1,10 @@
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.errors import SourceError
-from remind_ros.pairing import Pairing
+from remind_jax.errors import OptionError, SourceError
+from remind_ros.pairing import Pairing, slop_ns
 
 
 def test_an_image_waits_for_its_detections():
@@ -69,3 +70,21 @@ def test_what_waits_in_vain_is_let_go_where_time_starts_again():
 def test_a_message_needs_a_stamp():
     with pytest.raises(SourceError, match="the stamp 0 ns"):
         Pairing(("image",), 0).add("image", 0, "i")
+
+
+def test_what_goes_unanswered_is_noticed():
+    pairing = Pairing(("image", "boxes"), slop_ns=0, most=3)
+    noticed = []
+    for time in range(1, 6):
+        pairing.add("image", time, time)
+        noticed.append(pairing.is_full)
+    assert noticed == [False, False, False, True, True]
+    pairing.add("boxes", 5, 5)
+    pairing.add("image", 6, 6)
+    assert not pairing.is_full
+
+
+@pytest.mark.parametrize("seconds", [-0.01, np.nan, np.inf])
+def test_a_slop_is_a_time(seconds):
+    with pytest.raises(OptionError, match="slop_s"):
+        slop_ns(seconds)

@@ -14,10 +14,11 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 
 from remind_jax.errors import OutputError, RemindError, SourceError
+from remind_jax.files import check_place
 from remind_jax.session.live import Tracker
 from remind_ros.definitions import add_types
 from remind_ros.identification import Identification, make_tracker
-from remind_ros.pairing import Pairing, stamp_ns
+from remind_ros.pairing import Pairing, slop_ns, stamp_ns
 
 PUBLISHED = {
     "/remind/detections": "vision_msgs/msg/Detection2DArray",
@@ -46,6 +47,7 @@ class BagSummary:
     num_images: int  # that were answered
     num_detections: int
     num_objects: int  # in memory at the end, with an id
+    complete: bool  # whether it was read to its end
     refused: tuple[str, ...]  # why images and messages were left out, one sentence each
 
 
@@ -66,6 +68,9 @@ def identify_bag(
       tracker: With the configuration and the backbone to use; the default one if left out.
       slop_s: By how much stamps of one image may differ.
 
+    Returns:
+      After Ctrl-C, of the images so far.
+
     Raises:
       SourceError: If the bag cannot be read, lacks a topic, or has other messages there.
       OutputError: If the target is there already, or cannot be written.
@@ -74,26 +79,28 @@ def identify_bag(
         raise SourceError("name a topic with instance maps, with detections, or both")
     types = add_types()
     identification = Identification(from_store(types), tracker)
-    pairing = Pairing(topics.names, round(1e9 * slop_s))
-    num_images, num_detections, refused = 0, 0, []
+    pairing = Pairing(topics.names, slop_ns(slop_s))
+    num_images, num_detections, refused, complete = 0, 0, [], False
     with _open(source, topics, types) as reader, _create(target) as writer:
         outlets = [
             (kind, writer.add_connection(topic, kind, typestore=types))
             for topic, kind in PUBLISHED.items()
         ]
-        for time_ns, parts in _read_sets(reader, pairing, topics, refused):
-            try:
-                answer = identification.identify(*parts)
-            except SourceError as error:
-                refused.append(f"image at {stamp_ns(parts[0])} ns: {error}")
-                continue
-            num_images += 1
-            num_detections += len(answer.tracks)
-            said = (answer.detections, answer.identities)
-            for (kind, outlet), message in zip(outlets, said, strict=True):
-                writer.write(outlet, time_ns, types.serialize_cdr(message, kind))
+        with contextlib.suppress(KeyboardInterrupt):  # the bag is closed as it should be
+            for time_ns, parts in _read_sets(reader, pairing, topics, refused):
+                try:
+                    answer = identification.identify(*parts)
+                except SourceError as error:
+                    refused.append(f"image at {stamp_ns(parts[0])} ns: {error}")
+                    continue
+                num_images += 1
+                num_detections += len(answer.tracks)
+                said = (answer.detections, answer.identities)
+                for (kind, outlet), message in zip(outlets, said, strict=True):
+                    writer.write(outlet, time_ns, types.serialize_cdr(message, kind))
+            complete = True
     num_objects = identification.num_objects
-    return BagSummary(num_images, num_detections, num_objects, tuple(refused))
+    return BagSummary(num_images, num_detections, num_objects, complete, tuple(refused))
 
 
 @contextlib.contextmanager
@@ -164,7 +171,7 @@ def from_store(types: Any) -> Any:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command; returns its exit code."""
+    """The command; returns its exit code: 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(prog="identify_bag", description=__doc__)
     parser.add_argument("source", type=Path, metavar="IN", help="bag of ROS 1 or 2")
     parser.add_argument("target", type=Path, metavar="OUT", help="folder of the new bag")
@@ -184,6 +191,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tracker = make_tracker(given.config, given.backbone, given.announce_after, has_detector)
         if given.load is not None:
             tracker.load(given.load)
+        if given.save is not None:
+            check_place(given.save)
         done = identify_bag(given.source, given.target, topics, tracker, slop_s=given.slop_s)
         if given.save is not None:
             tracker.save(given.save)
@@ -198,7 +207,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"{done.num_detections} detections in {done.num_images} images; "
         f"{done.num_objects} objects in memory; written to {given.target}"
     )
-    return 0
+    return 0 if done.complete else 130
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, fill_boxes
 from remind_jax.sources.class_names import UNNAMED_CLASS
 
+_ROUNDING = 1e-5  # of a detector's score in 32 bits
+
 
 def read_detections(
     frame_size: tuple[int, int],
@@ -59,14 +61,18 @@ def read_detections(
 
 def _best_hypothesis(detection: Any) -> tuple[str, float]:
     """Class id and score of the likeliest hypothesis."""
-    rated = [(str(r.hypothesis.class_id), float(r.hypothesis.score)) for r in detection.results]
+    said = [getattr(one, "hypothesis", one) for one in detection.results]  # without one in ROS 1
+    rated = [(str(getattr(h, "class_id", getattr(h, "id", ""))), float(h.score)) for h in said]
     class_id, score = max(rated, key=lambda one: one[1], default=(UNNAMED_CLASS, 1.0))
+    if 1.0 < score < 1.0 + _ROUNDING:
+        score = 1.0
     return class_id or UNNAMED_CLASS, score if np.isfinite(score) else 0.0
 
 
 def _fill(box: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
     """The pixels of a box, which may be turned about its center."""
-    x, y, theta = box.center.position.x, box.center.position.y, box.center.theta
+    middle = getattr(box.center, "position", box.center)  # a Pose2D in ROS 1
+    x, y, theta = middle.x, middle.y, box.center.theta
     width, height = box.size_x, box.size_y
     numbers = [float(number) for number in (x, y, width, height, theta)]
     if not np.isfinite(numbers).all() or width < 0 or height < 0:

@@ -13,6 +13,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from rclpy.qos import qos_profile_sensor_data
 from remind_jax.errors import OutputError, RemindError, SourceError
 from remind_jax.files import as_path
 from remind_ros.identification import Identification, make_tracker
-from remind_ros.pairing import Pairing, stamp_ns
+from remind_ros.pairing import MOST_WAITING, Pairing, slop_ns, stamp_ns
 
 _PARAMETERS: dict[str, Any] = {
     "config": "default",  # name or YAML file of remind-jax
@@ -67,7 +68,9 @@ class IdentityNode:
             name: self.node.declare_parameter(name, value).value
             for name, value in _PARAMETERS.items()
         }
-        names = dict(zip(given["class_ids"], given["class_names"], strict=False))
+        if len(given["class_ids"]) != len(given["class_names"]):
+            raise SourceError("class_ids and class_names differ in length; give each id its name")
+        names = dict(zip(given["class_ids"], given["class_names"], strict=True))
         names.pop("", None)
         tracker = make_tracker(
             given["config"], given["backbone"], given["announce_after"], given["use_detections"]
@@ -83,7 +86,7 @@ class IdentityNode:
             "detections": self._publisher("vision_msgs/msg/Detection2DArray", "~/detections"),
             "identities": self._publisher("remind_ros_interfaces/msg/Identities", "~/identities"),
         }
-        self._serve("std_srvs/srv/Trigger", "~/reset", lambda _: self._identification.reset())
+        self._serve("std_srvs/srv/Trigger", "~/reset", lambda _: self._reset())
         use, rename = (
             "remind_ros_interfaces/srv/UseMemory",
             "remind_ros_interfaces/srv/RenameObject",
@@ -108,8 +111,8 @@ class IdentityNode:
         try:
             self.node.get_logger().info(self._identification.checkpoint(self._memory))
         except OutputError as error:
-            aside = f"{self._memory}.{int(time.time())}"
-            self.node.get_logger().error(f"{error}; {self._identification.save(aside)}")
+            told = self._identification.save(self._aside())
+            self.node.get_logger().error(f"{error}; {told}")
 
     def _prepare(self, given: dict[str, Any]) -> None:
         """Reads the memory that there is, and prepares programs if the size is known."""
@@ -133,7 +136,7 @@ class IdentityNode:
             kinds["~/detections_in"] = "vision_msgs/msg/Detection2DArray"
         if len(kinds) == 1:
             raise SourceError("set use_instances, use_detections, or both")
-        self._pairing = Pairing(tuple(kinds), round(1e9 * given["slop_s"]))
+        self._pairing = Pairing(tuple(kinds), slop_ns(given["slop_s"]))
         for topic, kind in kinds.items():
             self.node.create_subscription(
                 _type(kind), topic, self._receiver(topic), qos_profile_sensor_data
@@ -146,6 +149,12 @@ class IdentityNode:
             except SourceError as error:
                 self.node.get_logger().warning(f"left out: {error}", throttle_duration_sec=10.0)
                 return
+            if self._pairing.is_full:
+                self.node.get_logger().warning(
+                    f"messages of '{topic}' go unanswered: nothing of the other topics has their "
+                    f"stamps (see 'slop_s'), or it comes {MOST_WAITING} messages later",
+                    throttle_duration_sec=10.0,
+                )
             for found in sets:
                 with self._changed:
                     self._identification.num_skipped += self._next is not None
@@ -169,6 +178,17 @@ class IdentityNode:
             return response
 
         self.node.create_service(_type(kind), topic, answer)
+
+    def _reset(self) -> str:
+        """Forgets everything; the file that the next start would read is laid aside."""
+        told = self._identification.reset()
+        file = Path(self._memory)
+        if self._memory and file.exists():
+            told += f"; what '{file}' knew is in '{file.rename(self._aside())}'"
+        return told
+
+    def _aside(self) -> str:
+        return f"{self._memory}.{int(time.time())}"
 
     def _path(self, request: Any) -> str:
         if not (request.path or self._memory):

@@ -7,10 +7,23 @@ from collections.abc import Sequence
 from typing import Any
 
 from remind_jax.errors import SourceError
+from remind_jax.settings.ranges import check_option
 
 # A message older than another of its topic by this starts a new time; what comes out of order, as
 # from a detector that answers several images at once, is nearer.
 _RESTART_NS = 1_000_000_000
+MOST_WAITING = 60  # messages of a topic that are kept while others are missing
+_MAX_SLOP_S = 60.0
+
+
+def slop_ns(slop_s: float) -> int:
+    """By how much stamps of one image may differ, in nanoseconds.
+
+    Raises:
+      OptionError: If it is no time.
+    """
+    check_option("slop_s", slop_s, 0, _MAX_SLOP_S, whole=False)
+    return round(1e9 * slop_s)
 
 
 class Pairing:
@@ -21,7 +34,7 @@ class Pairing:
     starts again, as in a bag that is played in a loop, so does the pairing.
     """
 
-    def __init__(self, topics: Sequence[str], slop_ns: int, most: int = 60) -> None:
+    def __init__(self, topics: Sequence[str], slop_ns: int, most: int = MOST_WAITING) -> None:
         """Waits for one message of each topic.
 
         Args:
@@ -33,6 +46,7 @@ class Pairing:
         self._waiting: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics}
         self._done_ns = dict.fromkeys(topics, -1)  # stamps of the last complete set
         self._newest_ns = dict(self._done_ns)
+        self.is_full = False  # whether the last message made an older one of its topic go
 
     def add(self, topic: str, stamp_ns: int, message: Any) -> list[dict[str, Any]]:
         """Takes a message; gives the sets, by topic, that it completes, oldest first.
@@ -54,6 +68,7 @@ class Pairing:
         if stamp_ns <= self._done_ns[topic]:
             return []
         bisect.insort(waiting, (stamp_ns, message), key=lambda one: one[0])
+        self.is_full = len(waiting) > self._most
         del waiting[: -self._most]
         image_topic, *others = self._waiting
         complete = []
