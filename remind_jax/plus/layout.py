@@ -23,11 +23,12 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.control_flow import count_up, in_turn
 from remind_jax.numerics.plane import squared_length
 from remind_jax.numerics.pytree import pytree
+from remind_jax.numerics.ranks import count_before
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Evidence, OwnEvidence, Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import staying
-from remind_jax.plus.slots import count_before, look_up, rows_of
+from remind_jax.plus.slots import look_up, rows_of
 from remind_jax.plus.state import NO_RELATION, Objects, Pairs, blank
 from remind_jax.plus.static import NUM_CANDIDATES, NUM_WITNESSES
 from remind_jax.plus.vacancy import find_gone

@@ -23,7 +23,7 @@ from remind_jax.numerics.plane import (
 )
 from remind_jax.numerics.pooling import dot
 from remind_jax.numerics.pytree import pytree
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.ranks import count_before, largest
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
@@ -37,7 +37,7 @@ from remind_jax.plus.evidence import (
 )
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
-from remind_jax.plus.slots import NO_ROW, count_before, rows_of
+from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.plus.whitening import adjust_cosine, whiten_used
 from remind_jax.solvers.assignment_in_graph import assign_in_graph

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.pytree import choose
+from remind_jax.numerics.ranks import count_before
 from remind_jax.plus.state import Objects, Pairs, Tracklets
 
 NO_ROW = -1
@@ -24,12 +25,6 @@ def rows_of(slot: Int[Array, "*S M"], has: Bool[Array, "M"], num: int) -> Int[Ar
     row = jnp.arange(len(has), dtype=jnp.int32)[:, None]
     is_at = (slot[..., None] == jnp.arange(num)) & has[:, None]
     return jnp.max(jnp.where(is_at, row, NO_ROW), axis=-2)
-
-
-def count_before(flags: Bool[Array, "M"]) -> Int[Array, "M"]:
-    """How many flags are set in the rows before each."""
-    index = jnp.arange(len(flags))
-    return jnp.sum((index[None] < index[:, None]) & flags[None], axis=1, dtype=jnp.int32)
 
 
 def look_up(
