@@ -177,10 +177,8 @@ def _learn_from(
     return Cosines(jnp.where(t.enabled, found, mean), jnp.where(t.enabled, spread, variance))
 
 
-def mix(
-    squared: Array, variance: Array, lost: float, doubt: Array | float, bonus: float, area: float
-) -> Array:
-    """Log odds of a displacement: where expected, or anywhere.
+def mix(squared: Array, variance: Array, lost: float, doubt: Array | float, bonus: float) -> Array:
+    """Log odds of a displacement: where expected, or anywhere in the frame.
 
     Args:
       squared: Squared displacement.
@@ -188,10 +186,9 @@ def mix(
       lost: Standard deviation at which the expectation is believed by half.
       doubt: Least chance that the object is elsewhere.
       bonus: Log odds of an object that is elsewhere.
-      area: Where a chance object lies anywhere.
     """
     elsewhere = jnp.clip(variance / (variance + lost**2), doubt, 1.0)
-    density = area / (2 * math.pi * variance)
+    density = th.FRAME_AREA / (2 * math.pi * variance)
     density *= jnp.exp(-jnp.minimum(squared / (2 * variance), _EXPONENT_MAX))
     return jnp.log((1 - elsewhere) * density + elsewhere * jnp.exp(bonus))
 
@@ -316,7 +313,7 @@ def _place_evidence(
     measured += (PLACE_SIZE_ERROR * sightings.size) ** 2
     squared = squared_length(offset)
     variance = own + measured[:, None]
-    odds = mix(squared, variance, PLACE_LOST, t.least_doubt, ELSEWHERE, th.FRAME_AREA)
+    odds = mix(squared, variance, PLACE_LOST, t.least_doubt, ELSEWHERE)
     return t.weight * odds
 
 

@@ -287,7 +287,7 @@ def _layout_evidence(
     off = beside.offset / scale[..., None] - relation
     squared = squared_length(off) * scale**2
     variance = (error * scale) ** 2
-    odds = mix(squared, variance, RELATION_LOST, RELATION_DOUBT, 0.0, th.FRAME_AREA)
+    odds = mix(squared, variance, RELATION_LOST, RELATION_DOUBT, 0.0)
     odds = jnp.clip(odds, -PAIR_BEST, PAIR_BEST)
 
     ratio_error = jnp.where(border, RATIO_ERROR_BORDER, RATIO_ERROR)

@@ -270,7 +270,7 @@ def _layout_odds(
     """That two lie from each other as before, by the squared distance in which they do not."""
     error = relation_error(relation, spread, jnp.zeros(len(spread), bool), t.layout)
     variance = (error * scale) ** 2
-    return mix(squared, variance, RELATION_LOST, RELATION_DOUBT, 0.0, th.FRAME_AREA)
+    return mix(squared, variance, RELATION_LOST, RELATION_DOUBT, 0.0)
 
 
 def _weigh_company(
