@@ -9,6 +9,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
+_JITTER = 1e-5  # added to the diagonal of cosines
+
 
 def diagonal(matrix: Float[Array, "n n"]) -> Float[Array, "n"]:
     """Its diagonal, read in steps: `jnp.diag` would look up each element by its index."""
@@ -39,14 +41,13 @@ def root_of_inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return jnp.linalg.cholesky(invert(matrix), symmetrize_input=False)
 
 
-def orthonormalize(columns: Float[Array, "m n"], jitter: float = 1e-5) -> Float[Array, "m n"]:
+def orthonormalize(columns: Float[Array, "m n"]) -> Float[Array, "m n"]:
     """Columns of unit length at right angles to each other that span the same.
 
-    Columns that depend on each other are kept apart by `jitter` and come out shorter.
+    Columns that depend on each other are kept apart by `_JITTER` and come out shorter.
     """
     length = jnp.sqrt(jnp.sum(columns**2, axis=0))
     unit = columns / jnp.maximum(length, 1e-20)
-    gram = jnp.matmul(unit.T, unit, precision="highest") + jitter * jnp.eye(
-        columns.shape[1], dtype=columns.dtype
-    )
+    gram = jnp.matmul(unit.T, unit, precision="highest")
+    gram += _JITTER * jnp.eye(len(gram), dtype=gram.dtype)
     return jnp.matmul(unit, root_of_inverse(gram), precision="highest")
