@@ -164,7 +164,7 @@ def report(
     firm_id = jnp.where(is_firm, verdicts.answer_id, NO_ID)
     ordered, ranked = jax.lax.top_k(belief, belief.shape[1])
     listed = _shown_candidates(verdicts, ordered, ranked, doubtful, static.num_candidates, t)
-    decisions = dataclasses.replace(
+    return dataclasses.replace(
         no_decisions(static),
         outcome=outcome.astype(jnp.int32),
         reason=reason.astype(jnp.int32),
@@ -180,7 +180,6 @@ def report(
         num_bad_patches=sightings.num_bad_patches,
         **listed,
     )
-    return decisions
 
 
 def believe(verdicts: Verdicts, here: Tracklets) -> Float[Array, "N"]:
