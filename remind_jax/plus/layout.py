@@ -163,15 +163,15 @@ def _weigh(
         nothing = jnp.zeros((room, kinds, width), jnp.float32)
         sums = count_up(-(-num_open // _AT_ONCE), add_up, nothing, suits_all=True)
         sums = jnp.where(is_open[:, None, None], sums[place], 0.0)
-        lies, companions, num_related, num_usable = jnp.moveaxis(sums, 1, 0)
-        lies = lies * _share(num_related, PARTNERS)
-        lies = t.weight * jnp.clip(lies, -t.best, t.best)
-        lies = jnp.minimum(lies, rows.stays * lies)
+        layout, companions, num_related, num_usable = jnp.moveaxis(sums, 1, 0)
+        layout = layout * _share(num_related, PARTNERS)
+        layout = t.weight * jnp.clip(layout, -t.best, t.best)
+        layout = jnp.minimum(layout, rows.stays * layout)
         companions = companions * _share(num_usable, COVISIBLE_PARTNERS)
         companions = t.covisible_weight * companions
         # Whatever lies wrong may have been moved: looks can still show it.
-        given_back = jnp.clip(rows.place + lies, rows.moved, MOST) - (rows.place + lies)
-        return _Around(lies, companions, given_back)
+        both = rows.place + layout
+        return _Around(layout, companions, jnp.clip(both, rows.moved, MOST) - both)
 
     def believe(odds: Float[Array, "N C"]) -> Float[Array, "N C"]:
         odds = jnp.where(rows.valid, odds, -jnp.inf)
@@ -260,7 +260,7 @@ class _Said(NamedTuple):
     """What parties say of candidates; an array each, of which each is computed as one loop."""
 
     layout: Float[Array, "... C WC"]  # how they lie
-    company: Float[Array, "... C WC"]  # whether they are seen together
+    companions: Float[Array, "... C WC"]  # whether they are seen together
     is_related: Float[Array, "... C WC"]  # 1 where the first says anything
     is_usable: Float[Array, "... C WC"]  # 1 where the second does
 
