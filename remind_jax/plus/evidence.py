@@ -119,7 +119,7 @@ def leaves_object(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
 
 
 def find_ended(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
-    """Those of them that can hardly resume."""
+    """Tracklets that leave an object (`leaves_object`), and can hardly resume."""
     return leaves_object(tracklets, t) & (tracklets.unseen >= MISSED_TICKS)
 
 
@@ -156,7 +156,7 @@ def calibrate(scene: Scene, t: th.Calibration) -> Cosines:
 
 
 def calibrate_class(scene: Scene, class_id: Int[Array, "X"], t: th.Calibration) -> Cosines:
-    """What they are like in each of these classes: as in the scene until much is seen of it."""
+    """What cosines are like in each of these classes: as in the scene until much is seen of it."""
     assumed = jax.tree.map(lambda leaf: leaf[:, None], calibrate(scene, t))
     return _learn_from(scene.class_cosines[..., name_row(class_id)], assumed, CLASS_SAMPLES, t)
 
