@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float, Int
 
 from remind_jax.errors import SourceError
 
-# Similarities are ratios; rounding may lift a perfect overlap this far above 1.
 ANY_CLASS = "object"  # of all rows, where classes are not told apart
+# Similarities are ratios; rounding may lift a perfect overlap this far above 1.
 SIMILARITY_SLACK = 1e-9
 
 
