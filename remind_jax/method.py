@@ -246,9 +246,9 @@ class Method:
 
     The memory is a pytree of arrays in which a run reads `objects.id` `[O]` (-1 in free slots),
     `next_id` (no object had that id or a higher one), `frame` (frames processed so far, the number
-    of the next one), `decisions`
-    (`decision.Decisions` about the last frame) and `overflow` (`objects`, `pending`: slots that the
-    frame needs, 0 if they sufficed; a frame that overflows changes nothing else).
+    of the next one), `decisions` (`decision.Decisions` about the last frame) and `overflow`
+    (`objects`, `pending`: slots that the frame needs, 0 if they sufficed; a frame that overflows
+    changes nothing else).
     """
 
     name: str
@@ -362,11 +362,8 @@ class Method:
     @property
     def explainer(self) -> Any:
         """The class that explains the traces of a run; None if there is none."""
-        return (
-            None
-            if self.host.explainer_name is None
-            else _import_attribute(self.host.explainer_name)
-        )
+        name = self.host.explainer_name
+        return None if name is None else _import_attribute(name)
 
     def make_empty(self, static: Static) -> Any:
         """The empty memory of these capacities, as arrays of the host that may be written to."""
