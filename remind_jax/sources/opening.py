@@ -195,8 +195,8 @@ def read_arguments(description: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read_items(spec: Any, choice: Choice, class_names: ClassNaming | None) -> ItemReader:
-    is_text = isinstance(spec, bytes | bytearray | memoryview)
-    if is_text or (not isinstance(spec, Iterable) and not hasattr(spec, "__array__")):
+    is_bytes = isinstance(spec, bytes | bytearray | memoryview)
+    if is_bytes or (not isinstance(spec, Iterable) and not hasattr(spec, "__array__")):
         raise SourceError(
             f"a {type(spec).__name__} is no source of frames; give a path, an array [T, H, W, 3] "
             "or an iterable of images"
