@@ -155,7 +155,7 @@ def translate(settings: Mapping[str, Any], published: Any) -> dict[str, Any]:
             _allowed(key, value, (FIXED[key],))
         elif key in SHIPPED:
             _check_switch(key, value)
-        elif not _within(key, INERT):
+        elif not _is_inert(key):
             known = [*decided, *FIXED, *SHIPPED]
             raise ConfigError(
                 f"the original has no configuration key {key!r}; {nearest_names(key, known)}"
@@ -210,8 +210,8 @@ def _check_switch(key: str, value: Any) -> None:
         )
 
 
-def _within(key: str, sections: tuple[str, ...]) -> bool:
-    return any(key == section or key.startswith(section + ".") for section in sections)
+def _is_inert(key: str) -> bool:
+    return f"{key}.".startswith(tuple(f"{section}." for section in INERT))
 
 
 def _allowed(key: str, value: Any, values: Any) -> Any:
