@@ -31,7 +31,7 @@ from remind_jax.masks.alignment import Alignment
 from remind_jax.method import get_method
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.store import DETECTIONS_NAME
-from remind_jax.session.growing_memory import return_freed_memory
+from remind_jax.session.machine_memory import return_freed_memory
 from remind_jax.session.run import run
 from remind_jax.sources.sampling import Sampling
 

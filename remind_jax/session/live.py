@@ -34,8 +34,9 @@ from remind_jax.session.announcement import choose_after
 from remind_jax.session.answers import note_omissions, read_tracks
 from remind_jax.session.changed_memory import JoinedObjects, forget_object, join_memories
 from remind_jax.session.frame_features import FrameFeatures
-from remind_jax.session.growing_memory import GrowingMemory, most_detections
+from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.identities import Identities
+from remind_jax.session.machine_memory import most_detections
 from remind_jax.session.memory_fit import check_backbone, check_classes, check_tracker, static_of
 from remind_jax.session.object_records import ObjectRecords, RememberedObject
 from remind_jax.session.preparation import FramePreparer, Prepared

@@ -27,7 +27,7 @@ OUR_OWN = {
     "remind_jax/compiled/programs.py": "the source of this package",
     "remind_jax/live_page/server.py": "the page that it serves",
     "remind_jax/outputs/overlay.py": "whether its own video can be played",
-    "remind_jax/session/growing_memory.py": "the memory of the system, in /proc",
+    "remind_jax/session/machine_memory.py": "the memory of the system, in /sys",
     "weights_convert/variant_detection.py": "values of a configuration that was read already",
 }
 

@@ -9,7 +9,7 @@ import pytest
 from remind_jax import method as methods
 from remind_jax.errors import SourceError
 from remind_jax.method import get_method
-from remind_jax.session import growing_memory
+from remind_jax.session import machine_memory
 from remind_jax.session.live import Tracker
 from remind_jax.static import Static
 from tests.session.test_live import frames
@@ -28,8 +28,8 @@ def test_a_frame_that_does_not_fit_is_refused_before_compilation_and_the_next_on
     image, labels = frames(1)[0]
     few = labels * (labels == labels[labels > 0][0])
     before = tracker.update(image, few)
-    room = 100 / growing_memory.BUDGET_SHARE
-    monkeypatch.setattr(growing_memory, "device_bytes", lambda: int(room) + 1)
+    room = 100 / machine_memory.BUDGET_SHARE
+    monkeypatch.setattr(machine_memory, "device_bytes", lambda: int(room) + 1)
     with pytest.raises(SourceError, match=r"room for \d+ detections.*fewer detections"):
         tracker.update(image, labels)
     after = tracker.update(image, few)
@@ -38,23 +38,23 @@ def test_a_frame_that_does_not_fit_is_refused_before_compilation_and_the_next_on
 
 
 def test_the_sentence_names_what_is_needed_and_what_may_be_used(monkeypatch):
-    monkeypatch.setattr(growing_memory, "device_bytes", lambda: 8 * growing_memory.GIB)
+    monkeypatch.setattr(machine_memory, "device_bytes", lambda: 8 * machine_memory.GIB)
     method = get_method("plus")
     many = Static(num_detections=512, num_objects=16_384, feature_dim=384)
     with pytest.raises(SourceError, match=r"16384 objects takes about 10\.5 GiB, and 6\.0 GiB"):
-        growing_memory.check_room(method, many)
-    growing_memory.check_room(method, dataclasses.replace(many, num_objects=4096))
+        machine_memory.check_room(method, many)
+    machine_memory.check_room(method, dataclasses.replace(many, num_objects=4096))
 
 
 def test_where_the_memory_is_not_known_all_is_tried(monkeypatch):
-    monkeypatch.setattr(growing_memory, "device_bytes", lambda: 0)
-    growing_memory.check_room(
+    monkeypatch.setattr(machine_memory, "device_bytes", lambda: 0)
+    machine_memory.check_room(
         get_method("plus"), Static(num_detections=8192, num_objects=32_768, feature_dim=384)
     )
 
 
 def test_the_memory_of_this_machine_is_known():
-    assert growing_memory.device_bytes() > 2**28
+    assert machine_memory.device_bytes() > 2**28
 
 
 @pytest.mark.parametrize("name", ["plus", "remind"])

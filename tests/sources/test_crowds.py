@@ -8,7 +8,7 @@ import pytest
 import remind_jax as rj
 from remind_jax import crops
 from remind_jax.errors import SourceError
-from remind_jax.session import growing_memory
+from remind_jax.session import machine_memory
 from remind_jax.static import MOST_DETECTIONS
 from tests.sources import making
 
@@ -84,7 +84,7 @@ def test_boxes_of_large_pictures_are_compared_before_they_are_filled(monkeypatch
 
 
 def test_a_tracker_takes_no_more_than_it_has_memory_for(monkeypatch):
-    monkeypatch.setattr(growing_memory, "MAX_FRAME_BYTES", 1)
+    monkeypatch.setattr(machine_memory, "MAX_FRAME_BYTES", 1)
     most = rj.load_config("default").static.num_detections
     assert rj.Tracker().most_detections == most
     chosen = {"static": {"num_detections": 4 * most}}
@@ -102,7 +102,7 @@ def test_a_tracker_takes_no_more_than_it_has_memory_for(monkeypatch):
 
 
 def test_a_method_that_does_not_count_its_bytes_has_a_bound_as_well():
-    assert rj.Tracker(tracker="iou").most_detections == growing_memory.MAX_UNCOUNTED
+    assert rj.Tracker(tracker="iou").most_detections == machine_memory.MAX_UNCOUNTED
 
 
 def test_no_frame_asks_for_more_than_is_meant_for_it():
@@ -110,4 +110,4 @@ def test_no_frame_asks_for_more_than_is_meant_for_it():
     most = tracker.most_detections
     assert 500 <= most < MOST_DETECTIONS
     room = rj.Static(num_detections=most, num_objects=2 * most, feature_dim=tracker.backbone.dim)
-    assert tracker.method.host.count_bytes(room) <= growing_memory.MAX_FRAME_BYTES
+    assert tracker.method.host.count_bytes(room) <= machine_memory.MAX_FRAME_BYTES
