@@ -31,7 +31,6 @@ from remind_jax.tracks import Tracks
 EVERY_S = 10.0  # seconds between checkpoints, or more where one is expensive:
 MAX_OF_A_RUN = 0.01  # share of the time that they may take
 FRAMES_NAME = "frames.jsonl"
-_FORMAT, _VERSION = "remind-jax checkpoint", 2
 # Of the moment, of the end, or of what people changed meanwhile.
 _NOT_COMPARED = ("info.started_at", "info.class_names", "info.fps", "info.renamed")
 _CODE = "info.options.tracker_code"  # of a method of one's own
@@ -64,8 +63,8 @@ class Header(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, info: Any, start: int) -> Header:
         """As it is read back."""
-        content = {"format": _FORMAT, "version": _VERSION, "info": info.to_json(), "start": start}
-        return msgspec.json.decode(msgspec.json.encode(content), type=Header)
+        content = msgspec.json.decode(msgspec.json.encode(info.to_json()))
+        return cls("remind-jax checkpoint", 2, content, start)
 
     def check_same(self, now: Header, folder: Path) -> None:
         """Makes sure that a run goes on with what it was begun with.
