@@ -223,10 +223,8 @@ def _check_outputs(
             raise OutputError(f"'{file}' cannot be written: there is no folder '{file.parent}'")
     # The record of detections has the same name in both.
     if recorded is not None and recorded.target.absolute() == folder.absolute():
-        raise OptionError(
-            "'record' and 'out' are the same folder; give the frames a folder of their own",
-            *("record", "out"),
-        )
+        why = "'record' and 'out' are the same folder; give the frames a folder of their own"
+        raise OptionError(why, "record", "out")
     return folder, recorded
 
 
@@ -256,10 +254,8 @@ def _refuse_masks(frames: Source, masks: Any) -> None:
     """Refuses masks that were chosen beside a detector, which would not be looked at."""
     chosen = masks if masks is not None else (frames.describe().get("reopen") or {}).get("masks")
     if chosen is not None and not (isinstance(chosen, str) and chosen == NO_MASKS):
-        raise OptionError(
-            "masks and a detector exclude each other; give one, or masks='none' (--masks none)",
-            *("masks", "detector"),
-        )
+        why = "masks and a detector exclude each other; give one, or masks='none' (--masks none)"
+        raise OptionError(why, "masks", "detector")
 
 
 def _keep_apart(out: Path, frames: Source, mcap: Any, *others: Any) -> None:
