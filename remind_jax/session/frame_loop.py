@@ -248,7 +248,7 @@ class FrameLoop:
 
     def _take(self, upcoming: Upcoming, writer: RunWriter | None) -> None:
         """Decides about a frame."""
-        tracker, prepared, told = self.tracker, upcoming.prepared, self.tracker.identities
+        tracker, prepared = self.tracker, upcoming.prepared
         assert prepared is not None
         start = time.perf_counter()
         tracks = tracker.advance(prepared)
@@ -261,13 +261,13 @@ class FrameLoop:
         if self._first_frame_ms is None:
             took_ms = sum(prepared.stage_ms.values()) + 1000 * (tracked - start)
             first_ms = age_ms.get("age", took_ms)
-        decided = told.decided
+        decided = tracker.identities.decided
         assert decided is not None
         step = Step(
             timings_ms={**tracker.stage_ms, **age_ms},
             compile_s=self._compile_s + tracker.compile_s,
             first_frame_ms=first_ms,
-            merges=told.merges,
+            merges=tracker.identities.merges,
             evidence=None if self._delayed is None else self._evidence(),
             events=[*tracker.events, *self._news(tracks.frame_index)],
             has_grown=tracker.has_grown,
@@ -275,8 +275,7 @@ class FrameLoop:
             attention_slots=tracker.features.attention_slots,
         )
         self._hand_on(upcoming.frame, decided, step, writer)
-        written_ms = 1000 * (time.perf_counter() - tracked)
-        step.timings_ms["write"] = written_ms
+        step.timings_ms["write"] = 1000 * (time.perf_counter() - tracked)
         self._record(tracks)
         if self._checkpoints is not None:
             self._checkpoints.add(decided, step)
