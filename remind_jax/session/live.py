@@ -351,19 +351,7 @@ class Tracker(Printable):
                 f"frame '{prepared.frame.name}' was prepared before 'reset' or 'load', or by "
                 "another Tracker; prepare it again"
             )
-        given = prepared.features is not None
-        if given or prepared.image is not None:
-            if self.state is not None and given != self._features_given:
-                own, other = "brings its own features", "was made with features of a backbone"
-                if not given:
-                    own, other = "brings none of its own", "was made with such"
-                raise SourceError(
-                    f"frame '{prepared.frame.name}' {own}, the memory {other}; go on as it "
-                    "began, or 'reset' first"
-                )
-            self._features_given = given
-        if prepared.image is not None and not given:
-            self.follow_profile()
+        self._follow_features(prepared)
         frame_feats = self.describe(prepared)
         described = time.perf_counter()
         self.events = []
@@ -392,6 +380,23 @@ class Tracker(Printable):
             "step": 1000 * (done - described),
         }
         return tracks
+
+    def _follow_features(self, prepared: Prepared) -> None:
+        """Notes where the features of a frame come from, which the memory must agree with."""
+        given = prepared.features is not None
+        if not given and prepared.image is None:
+            return
+        if self.state is not None and given != self._features_given:
+            own, other = "brings its own features", "was made with features of a backbone"
+            if not given:
+                own, other = "brings none of its own", "was made with such"
+            raise SourceError(
+                f"frame '{prepared.frame.name}' {own}, the memory {other}; go on as it began, or "
+                "'reset' first"
+            )
+        self._features_given = given
+        if not given:
+            self.follow_profile()
 
     def save(self, path: str | Path, *, durably: bool = False) -> None:
         """Writes the memory to a file; an older one is replaced only by a complete one.
