@@ -220,9 +220,8 @@ def score_batch(
     num_frames, num_settings, slots = answers.outcome.shape
     more_frames = -num_frames % _FRAMES_SCORED_AT_ONCE
     lacking = slots - scene.object_index.shape[1]
-    widen = lambda leaf: np.pad(  # noqa: E731
-        leaf, ((0, more_frames), (0, lacking)), constant_values=NONE
-    )
+    widened = ((0, more_frames), (0, lacking))
+    object_index = np.pad(scene.object_index, widened, constant_values=NONE)
     more = ((0, more_frames), (0, batch - num_settings), (0, 0))
     ids = answers.object_id
     # Ids may begin anywhere and leave gaps, for which labels would have no room.
@@ -237,7 +236,7 @@ def score_batch(
         num_objects *= GROWTH_STEP
     while True:
         scores = compiled_score(
-            widen(scene.object_index), filled, num_objects=num_objects, num_labels=num_labels
+            object_index, filled, num_objects=num_objects, num_labels=num_labels
         )
         if not scores["overflow"].any():
             break

@@ -83,8 +83,10 @@ class SceneBench:
         names = _distinct([source.name for source in sources])
         self._sources: dict[str, Source] = dict(zip(names, sources, strict=True))
         self._records, self._progress = Records(out), progress
-        self._keep_scenes, self._read = keep_scenes, {}
+        self._keep_scenes = keep_scenes
+        self._read: dict[str, SceneFrames] = {}
         self._reading: dict[str, float] = {}
+        self._num_done = self._num_rows = 0  # of the sweep that goes on
         if workers is None and cluster is None:
             self._crew = Worker(self._config, memory_gib, batch, self._delay)
         else:

@@ -107,35 +107,32 @@ def score(
 
     `overflow` beside them says whether a setting made more ids than there are labels.
     """
-    is_firm = (answers.outcome == Outcome.MATCH) | (answers.outcome == Outcome.NEW)
+    said = answers.outcome
+    is_firm = (said == Outcome.MATCH) | (said == Outcome.NEW)
     firm = jnp.where(is_firm, answers.object_id, NO_ID)
     real = object_index >= 0
 
     def one(ids: Array, certainty: Array) -> tuple[GraphScores, Array]:
         scores = score_labels(
-            object_index, ids, score=certainty,
-            num_objects=num_objects, num_labels=num_labels,
-        )  # fmt: skip
-        return scores, jnp.sum(
-            jnp.zeros(num_labels, jnp.int32)
-            .at[jnp.where(ids >= 0, ids, num_labels)]
-            .set(1, mode="drop")
+            object_index, ids, score=certainty, num_objects=num_objects, num_labels=num_labels
         )
+        label = jnp.where(ids >= 0, ids, num_labels)
+        return scores, jnp.sum(jnp.zeros(num_labels, bool).at[label].set(True, mode="drop"))
 
     scores, num_ids = jax.vmap(one, in_axes=(1, 1))(firm, answers.score)
     num_real = jnp.maximum(1, jnp.sum(real))
-    share = lambda chosen: jnp.sum(chosen & real[:, None], axis=(0, 2)) / num_real  # noqa: E731
-    ambiguous = answers.outcome == Outcome.AMBIGUOUS
-    provisional = (answers.outcome == Outcome.PROVISIONAL_NEW) | (
-        answers.outcome == Outcome.PROVISIONAL_PARENT
-    )
+
+    def share(chosen: Array) -> Array:
+        return jnp.sum(chosen & real[:, None], axis=(0, 2)) / num_real
+
+    provisional = (said == Outcome.PROVISIONAL_NEW) | (said == Outcome.PROVISIONAL_PARENT)
     return {
         "IDF1": scores.idf1,
         "HOTA": scores.hota,
         "AssA": scores.ass_a,
         "Recovery": scores.recovery,
         "HardRecovery": scores.hard_recovery,
-        "Ambiguous": share(ambiguous),
+        "Ambiguous": share(said == Outcome.AMBIGUOUS),
         "Provisional": share(provisional),
         "Firm": share(is_firm),
         "Identities": num_ids,

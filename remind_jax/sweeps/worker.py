@@ -62,10 +62,11 @@ class Worker:
 
     def start(self, scene: SceneFrames, jobs: Sequence[Mapping[int, Setting]], keep: Keep) -> None:
         """Runs settings, given by number; those of a job have the same descriptors."""
+        sizes = [len(job) for job in jobs]
         for job in jobs:
             numbers = list(job)
             frames = self._describe(scene, job[numbers[0]])
-            self._choose_batch(scene, frames, [len(job) for job in jobs])
+            self._choose_batch(scene, frames, sizes)
             while numbers:
                 part = numbers[: self.batch]
                 # A batch that outgrows its memory is done over, in smaller ones.
