@@ -248,13 +248,14 @@ def _names_of(
     changes = names + names.T
     total = changes.sum(axis=1) + USUAL_WEIGHT
     often = changes > OTHER_NAME * np.sqrt(total[:, None] * total)
+    np.fill_diagonal(often, False)  # a class goes on as itself, as do those that share a row
+    num = len(names)
     asked = [
         (look, other)
         for look, own in enumerate(class_id.tolist())
         for other in known
-        if own == other or (own % len(names) != other % len(names)
-                            and often[own % len(names), other % len(names)])
-    ]  # fmt: skip
+        if own == other or often[own % num, other % num]
+    ]
     of_look, other = np.array(asked, int).reshape(-1, 2).T
     return of_look, other
 
