@@ -77,9 +77,7 @@ def observe(
 
     inside = jnp.asarray(coverage_of(frame_feats, masks), jnp.float32)
     reach = 2 * RING_PATCHES + 1
-    near = lax.reduce_window(
-        inside, -jnp.inf, lax.max, (1, reach, reach), (1, 1, 1), "SAME"
-    )  # fmt: skip
+    near = lax.reduce_window(inside, -jnp.inf, lax.max, (1, reach, reach), (1, 1, 1), "SAME")
     around = jnp.where(near > 0, 1.0 - inside, 0.0)
     look, is_seen = pool_patches(inside * inside * usable, features)
     ring, has_ring = pool_patches(around * usable, features)

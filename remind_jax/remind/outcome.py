@@ -67,10 +67,8 @@ def decide(
         return jnp.where((candidate_id != NO_ID)[..., None], shown, 0)
 
     reals = take(comparison.score, pairs.score_final, pairs.bonus)
-    eligible, plausible, gate = jnp.moveaxis(
-        take(pairs.eligible.astype(jnp.int32), table.plausible.astype(jnp.int32), pairs.gate),
-        -1, 0,
-    )  # fmt: skip
+    flags = (flag.astype(jnp.int32) for flag in (pairs.eligible, table.plausible))
+    eligible, plausible, gate = jnp.moveaxis(take(*flags, pairs.gate), -1, 0)
     owners = objects.id_of(columns(settlement.slot, assignment.slot, settlement.stabilized.slot))
     is_ambiguous = settlement.ambiguous.present[:, None]
     doubts = settlement.doubts

@@ -251,11 +251,10 @@ def _known_set(e: RemindExplanation, known: KnownSet) -> Section:
         (
             f"{voter.name} (detection {voter.detection})",
             number(voter.distance),
-            *(number(voter.remembered[i]) if i in voter.remembered else "-"
-              for i in known.options),
+            *(number(voter.remembered[i]) if i in voter.remembered else "-" for i in known.options),
         )
         for voter in known.voters
-    ]  # fmt: skip
+    ]
     title = f"layout, pass {known.turn + 1}: {say_code(known.status)}"
     return Section(title, (said,), heads, tuple(rows))
 
