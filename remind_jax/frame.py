@@ -210,7 +210,7 @@ def check_frame(frame: Any) -> None:
         check_detections(frame.detections, frame.name)
 
 
-def check_detections(detections: Any, name: str = "") -> None:
+def check_detections(detections: Any, name: str) -> None:
     """Checks detections that may have been put together by hand, past `Detections.create`.
 
     Raises:

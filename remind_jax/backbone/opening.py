@@ -39,9 +39,7 @@ def open_backbone(
     return cache_features(backbone, feature_cache)
 
 
-def obtain_named(
-    backbone: str | Backbone, weights: str | Path | None = None, *, quiet: bool = False
-) -> None:
+def obtain_named(backbone: str | Backbone, weights: str | Path | None, *, quiet: bool) -> None:
     """Sees to it that a published network has weights: fetches them if there are none.
 
     For those who show something of their own while a backbone is opened, beforehand.

@@ -36,9 +36,7 @@ class PublishedWeights:
         return self.address or f"https://huggingface.co/{self.repository}"
 
 
-def _on_hub(
-    repository: str, revision: str, sha256: str, num_bytes: int | None = None
-) -> PublishedWeights:
+def _on_hub(repository: str, revision: str, sha256: str, num_bytes: int | None) -> PublishedWeights:
     return PublishedWeights(_HUB_FILE, f"facebook/{repository}", revision, None, sha256, num_bytes)
 
 
@@ -47,7 +45,7 @@ def _on_request(repository: str, revision: str, sha256: str, num_bytes: int) -> 
     return dataclasses.replace(on_hub, is_gated=True)
 
 
-def _from_authors(path: str, sha256: str | None, num_bytes: int | None = None) -> PublishedWeights:
+def _from_authors(path: str, sha256: str | None, num_bytes: int | None) -> PublishedWeights:
     address = f"{_AUTHORS}/{path}"
     return PublishedWeights(
         address.rpartition("/")[2], address=address, sha256=sha256, num_bytes=num_bytes

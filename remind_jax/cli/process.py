@@ -123,7 +123,7 @@ def find_jax_fault() -> str:
     return ""
 
 
-def report_failure(error: BaseException, chatter: str = "") -> None:
+def report_failure(error: BaseException, chatter: str) -> None:
     """Says what broke in one sentence, and keeps the traceback for a report."""
     what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     text = "".join(traceback.format_exception(error))

@@ -60,7 +60,7 @@ def ratio(part: Any, whole: Any) -> Float[np.ndarray, "*batch"]:
     return np.where(whole > 0, part / np.where(whole > 0, whole, 1), np.nan)
 
 
-def resample_counts(counts: Counts, num_resamples: int = 1000, seed: int = 0) -> Counts:
+def resample_counts(counts: Counts, num_resamples: int, seed: int) -> Counts:
     """Draws the units of the leading axis with replacement and pools every draw.
 
     The same seed gives the same draws, whatever the kind of counts.

@@ -197,7 +197,7 @@ def evaluate_sequence(
 
 
 def evaluate_classes(
-    sequence: TrackingSequence, firm: TrackingSequence | None = None, min_absence_frames: int = 1
+    sequence: TrackingSequence, firm: TrackingSequence | None, min_absence_frames: int
 ) -> dict[str, Evaluation]:
     """Scores every class apart that occurs: its objects against the predictions of that class."""
     firm = sequence if firm is None else firm

@@ -92,9 +92,9 @@ def evaluate_tracks(
 
 def evaluate_pair(
     paired: PairedScene,
-    tracks: Sequence[Tracks] | None = None,
+    tracks: Sequence[Tracks] | None,
     *,
-    undecided: Undecided = "strict",
+    undecided: Undecided,
     by_class: bool = False,
     min_absence_frames: int = 1,
 ) -> Evaluation:

@@ -291,7 +291,7 @@ def _number_answers(tracks: Tracks) -> int:
     return hash(tuple(answer.tobytes() for answer in given))
 
 
-def check_folder(folder: Path, overwrite: bool, resume: bool = False) -> None:
+def check_folder(folder: Path, overwrite: bool, resume: bool) -> None:
     """Looks whether a run may write to a folder, which need not be there; changes nothing.
 
     Raises:

@@ -30,8 +30,8 @@ def output_width() -> int | None:
     return None
 
 
-def wide_console(width: int | None = None) -> Console:
-    """A console for tables of so many columns; as many as they need if left out."""
+def wide_console(width: int | None) -> Console:
+    """A console for tables of so many columns; None: as many as they need."""
     from rich.console import Console
 
     return Console(width=width or _WIDE, height=_HIGH)

@@ -82,7 +82,7 @@ class ArrayMasks:
         self,
         per_frame: Sequence[Any],
         convert: Callable[[Any, tuple[int, int]], Detections],
-        num_frames: int | None = None,
+        num_frames: int | None,
     ) -> None:
         self.notes: list[str] = []
         if num_frames is not None and len(per_frame) > num_frames:

@@ -61,7 +61,7 @@ class CocoMasks:
     """
 
     def __init__(
-        self, data: bytes, file: str, reader: Reader, categories: Mapping[int, str] | None = None
+        self, data: bytes, file: str, reader: Reader, categories: Mapping[int, str] | None
     ) -> None:
         self._file, self._num_rows = file, 0
         self._bad: dict[Any, str] = {}  # what is wrong, by row; sources are iterated several times

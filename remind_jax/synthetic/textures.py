@@ -41,7 +41,7 @@ def shift_hue(image: Image, shift_deg: float) -> Image:
 
 
 def fractal_noise(
-    rng: np.random.Generator, height: int, width: int, cells: float = 4, octaves: int = 4
+    rng: np.random.Generator, height: int, width: int, cells: float, octaves: int = 4
 ) -> Float[np.ndarray, "h w"]:
     """Smooth noise of mean about 0 and range about [-1, 1]; `cells` bumps along the long side."""
     total = np.zeros((height, width), np.float32)
