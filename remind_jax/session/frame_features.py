@@ -86,11 +86,11 @@ class FrameFeatures:
             return CloseupFeats(patches, prepared.closeups.coverage, is_background, changes, size)
         images = prepared.image[None]
         heads = self._attention_heads(static)
+        covered = np.any(np.asarray(prepared.masks.coverage) > 0, axis=0)
         if heads is None:
-            wanted = self._near(np.any(np.asarray(prepared.masks.coverage) > 0, axis=0)[None])
-            features = self._backbone.extract(images, wanted)[0]
+            features = self._backbone.extract(images, self._near(covered[None]))[0]
             return FrameFeats(jax.block_until_ready(features), size)
-        patches = np.flatnonzero(np.any(prepared.masks.coverage > 0, axis=0))
+        patches = np.flatnonzero(covered)
         while self.attention_slots < len(patches):
             self.attention_slots *= 2
         slots = np.full(self.attention_slots, -1, np.int32)
