@@ -82,9 +82,9 @@ def test_another_frame_size_compiles_the_description_only(compiled):
     image, labels = scenes.picture(3)
     tracker.update(image[:-32], labels[:-32])
     assert compiled == ["describe", "decide"] * 2  # the second "decide" is the one at hand
-    first, second = tracker._memory.frame_step._prepared.values()
-    assert first.decide is second.decide
-    assert first.describe is not second.describe
+    description, decision, other, same = tracker._memory.frame_step.programs()
+    assert decision is same
+    assert description is not other
 
 
 def test_more_objects_compile_the_decision_only(compiled):
@@ -93,9 +93,9 @@ def test_more_objects_compile_the_decision_only(compiled):
     tracker.update(image, labels)
     tracker._memory.grow(num_objects=7)
     tracker.update(image, labels)
-    first, second = tracker._memory.frame_step._prepared.values()
-    assert first.describe is second.describe
-    assert first.decide is not second.decide
+    description, decision, same, other = tracker._memory.frame_step.programs()
+    assert description is same
+    assert decision is not other
 
 
 @pytest.mark.parametrize("name", ["plus", pytest.param("remind", marks=pytest.mark.slow)])
@@ -115,8 +115,8 @@ def test_programs_that_leave_a_trace_are_kept():
         tracker = make("plus", trace=True)
         scenes.follow(tracker, range(2))
         traces.append(tracker.trace)
-        (programs,) = tracker._memory.frame_step._prepared.values()
-    assert programs.decide.structure is None
+        _, decision = tracker._memory.frame_step.programs()
+    assert decision.structure is None
     jax.tree.map(np.testing.assert_array_equal, *traces)
 
 

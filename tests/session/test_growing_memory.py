@@ -114,12 +114,12 @@ def test_after_a_warm_up_for_so_many_objects_nothing_more_is_compiled(looks_ahea
     static = {"num_detections": 4, "num_objects": 4, "num_pending": 4}
     tracker = Tracker({"tracker": "bank", "static": static})
     tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=8)
-    prepared = set(tracker._memory.frame_step._prepared)
+    prepared = tracker._memory.frame_step.programs()
     monkeypatch.setattr(tracker._memory, "_prepare", None)  # nothing is asked for
     for image, labels in frames(2):
         tracker.update(image, labels)
     assert tracker.static.num_objects == 8
-    assert set(tracker._memory.frame_step._prepared) == prepared
+    assert tracker._memory.frame_step.programs() == prepared
     assert tracker.compile_s == 0.0
 
 
@@ -129,7 +129,7 @@ def test_a_start_below_what_the_first_frame_needs_begins_with_that():
     for image, labels in frames(2):
         tracker.update(image, labels)
     assert (tracker.static.num_detections, tracker.static.num_objects) == (4, 8)
-    assert len(tracker._memory.frame_step._prepared) == 1
+    assert len(tracker._memory.frame_step.programs()) == 2  # describes, decides
 
 
 @pytest.mark.parametrize("is_waited_for", [False, True])

@@ -50,7 +50,7 @@ def test_one_compilation_whatever_the_counts():
     tracker = Tracker({"tracker": "plus", "static": {**CONFIG["static"], "num_objects": 13}})
     for index, ids in enumerate([(1, 2, 3), (1, 2, 3), (1,), (), (1, 2, 3, 4)]):
         tracker.update(*scenes.picture(index, ids))
-    assert len(tracker._memory.frame_step._prepared) == 1
+    assert len(tracker._memory.frame_step.programs()) == 2  # describes, decides
 
 
 def test_a_warm_up_makes_room_for_a_crowd():
