@@ -104,7 +104,6 @@ def conclude(
 
 def report(
     verdicts: Verdicts,
-    belief: Float[Array, "N C"],
     moves: Float[Array, "N"],
     stays: Float[Array, "N"],
     here: Tracklets,
@@ -121,7 +120,6 @@ def report(
     firm answer until it passed to another thing more likely than not.
 
     Args:
-      belief: Probability of each candidate.
       moves: How far each answer is an object that moves of its own.
       stays: How far things of its class stay where they are.
       here: Tracklets of the detections, before the decisions.
@@ -134,7 +132,8 @@ def report(
     calibrated = _calibrate(belief_in_answer, verdicts.is_decided, is_own, moves, stays)
     confidence = jnp.where(seen, calibrated, 0.0)
     passed_on = seen & verdicts.is_decided & (here.trust < LEAST_TRUST)
-    option_id, option_score = _list_options(verdicts, belief, undecided, passed_on)
+    belief = verdicts.option_belief
+    option_id, option_score = _list_options(verdicts, undecided, passed_on)
     could_be = option_score >= t.possible
     num_close = jnp.sum(could_be, axis=1, dtype=jnp.int32)
     may_be_new = is_own & (1.0 - jnp.sum(belief, axis=1) >= t.possible)
@@ -225,14 +224,13 @@ def _log_odds(probability: Float[Array, "N"]) -> Float[Array, "N"]:
 
 def _list_options(
     verdicts: Verdicts,
-    belief: Float[Array, "N C"],
     undecided: Bool[Array, "N"],
     passed_on: Bool[Array, "N"],
 ) -> tuple[Int[Array, "N M"], Float[Array, "N M"]]:
     """Known objects with their probabilities; last what was decided, if it is."""
     last = jnp.where(passed_on, verdicts.probability, 0.0)
     ids = jnp.concatenate([verdicts.option_id, verdicts.answer_id[:, None]], axis=1)
-    known = jnp.where(undecided[:, None], belief, 0.0)
+    known = jnp.where(undecided[:, None], verdicts.option_belief, 0.0)
     return ids, jnp.clip(jnp.concatenate([known, last[:, None]], axis=1), 0.0, 1.0)
 
 

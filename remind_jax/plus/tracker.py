@@ -289,9 +289,7 @@ def _recognize(
     verdicts = conclude(here, objects, is_open, candidates, weighed, choice)
     answered = jnp.where(choice.slot != NO_SLOT, choice.slot, here.slot)
     moves = mobility_of(answered, objects, t.mobility)
-    decisions = report(
-        verdicts, weighed.belief, moves, stays, here, present, sightings, static, t.decision
-    )
+    decisions = report(verdicts, moves, stays, here, present, sightings, static, t.decision)
     reason = jnp.where(is_double, int(Reason.DOUBLE), decisions.reason)
     decisions = dataclasses.replace(decisions, reason=reason)
     # What does that teach?

@@ -33,8 +33,7 @@ def report_one(
     """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
 
     verdicts: Any = no_verdicts(STATIC.num_detections)
-    beliefs = np.zeros_like(verdicts.option_belief)
-    beliefs[0, : len(belief)] = belief
+    verdicts.option_belief[0, : len(belief)] = belief
     if valid:
         verdicts.tracklet_id[0], verdicts.answer_id[0] = OWN, answer
     verdicts.option_id[0, :2], verdicts.is_decided[0] = (KNOWN, OTHER), decided
@@ -52,7 +51,7 @@ def report_one(
     )
     present = np.array([True, False, False])
     moving, staying = (np.full(3, share, np.float32) for share in (moves, stays))
-    return _report(verdicts, beliefs, moving, staying, here, present, seen, STATIC, T.decision)
+    return _report(verdicts, moving, staying, here, present, seen, STATIC, T.decision)
 
 
 def test_a_probable_answer_is_firm_before_it_is_decided():
