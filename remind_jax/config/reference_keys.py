@@ -223,7 +223,7 @@ def _allowed(key: str, value: Any, values: Any) -> Any:
 
 def decide(given: Mapping[str, Any]) -> dict[str, Any]:
     """Turns these keys of the original into settings of this package."""
-    get = lambda key: given.get(key, SHIPPED[key])  # noqa: E731
+    get = {**SHIPPED, **given}.__getitem__
     by_threshold = get("dino.patch_selection") == "threshold"
     erosion_px = get("davis.mask_erosion_px") * max(1, get("davis.mask_erosion_iters"))
     return {
