@@ -131,17 +131,13 @@ def _local_support(context: Context, t: Rules) -> Float[Array, "O"]:
 
 def _global_support(context: Context, inside: Bool[Array, "O"], t: Rules) -> Float[Array, "O"]:
     """Support by the rank within the class, [0, 1]."""
-    above = lambda value: jnp.clip(  # noqa: E731
-        divide(value - t.neutral, jnp.maximum(_TINY, 1.0 - t.neutral)), 0.0, 1.0
-    )
-    selective = (
-        t.selectivity_weight
-        * above(context.hypothesis_relative)
-        * (0.5 + 0.5 * context.selectivity)
-    )
-    support = (
-        t.pruned_weight * context.pruning
-        + t.rank_weight * above(context.kernel_relative)
-        + selective
-    )
+
+    def above(value: Float[Array, "O"]) -> Float[Array, "O"]:
+        share = divide(value - t.neutral, jnp.maximum(_TINY, 1.0 - t.neutral))
+        return jnp.clip(share, 0.0, 1.0)
+
+    selective = t.selectivity_weight * above(context.hypothesis_relative)
+    selective = selective * (0.5 + 0.5 * context.selectivity)
+    support = t.pruned_weight * context.pruning + t.rank_weight * above(context.kernel_relative)
+    support = support + selective
     return jnp.where(inside & (context.kept_count > 0), jnp.clip(support, 0.0, 1.0), 0.0)
