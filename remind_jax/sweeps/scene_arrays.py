@@ -117,10 +117,7 @@ def _round_up(count: int) -> int:
 
 
 def load_scene(
-    source: Source,
-    config: Config,
-    backbone: Backbone,
-    reduced_with: Mapping[str, float] | None = None,
+    source: Source, config: Config, backbone: Backbone, reduced_with: Mapping[str, float] = {}
 ) -> SceneFrames:
     """Reads a scene and its features.
 
@@ -132,7 +129,7 @@ def load_scene(
     Raises:
       SourceError: If the source is empty, or does not say which objects its masks show.
     """
-    feats, masks, observed, instances, config = _read(source, config, backbone, reduced_with or {})
+    feats, masks, observed, instances, config = _read(source, config, backbone, reduced_with)
     found = sorted({int(i) for ids in instances for i in ids} - {NO_INSTANCE})
     if not found:
         raise SourceError(
