@@ -61,7 +61,7 @@ class Header(msgspec.Struct, frozen=True):
     start: Count  # frames that the memory has seen before
 
     @classmethod
-    def of(cls, info: Any, start: int) -> Header:
+    def of(cls, info: run_records.RunInfo, start: int) -> Header:
         """As it is read back."""
         content = msgspec.json.decode(msgspec.json.encode(info.to_json()))
         return cls("remind-jax checkpoint", 2, content, start)
