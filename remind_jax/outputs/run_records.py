@@ -35,7 +35,7 @@ else:
     OutcomeName, ReasonName, StatusName = _names(Outcome), _names(Reason), _names(Status)
 
 FrameNumber = Annotated[int, Meta(ge=0, lt=MAX_FRAMES)]
-Milliseconds = Annotated[float, Meta(ge=0.0, le=1e12)]
+Duration = Annotated[float, Meta(ge=0.0, le=1e12)]  # seconds or milliseconds
 
 # Keys of a detection beside its codes, and the fields of `Tracks` that they are.
 _NUMBERS = {
@@ -109,11 +109,11 @@ class RunRecord(msgspec.Struct, frozen=True):
     complete: bool
     info: RunInfo
     timings_ms: Annotated[
-        dict[Label, Annotated[list[Milliseconds], Meta(max_length=MAX_FRAMES)]],
+        dict[Label, Annotated[list[Duration], Meta(max_length=MAX_FRAMES)]],
         Meta(max_length=100),
     ]
-    first_frame_ms: Milliseconds | None
-    compile_s: Milliseconds | None
+    first_frame_ms: Duration | None
+    compile_s: Duration | None
     skipped: Annotated[tuple[SkippedFrame, ...], Meta(max_length=MAX_FRAMES)]
     events: Annotated[tuple[Event, ...], Meta(max_length=MAX_FRAMES)]
     summary: SummaryRecord | None = None

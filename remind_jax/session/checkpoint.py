@@ -41,9 +41,9 @@ _START_ANEW = "start the run anew with --overwrite"
 class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a run collected of one frame, beside what was decided."""
 
-    timings_ms: dict[Label, run_records.Milliseconds]  # by stage
-    compile_s: run_records.Milliseconds  # waited for programs in the run so far
-    first_frame_ms: run_records.Milliseconds | None = None  # of the first frame only
+    timings_ms: dict[Label, run_records.Duration]  # by stage
+    compile_s: run_records.Duration  # waited for programs in the run so far
+    first_frame_ms: run_records.Duration | None = None  # of the first frame only
     merges: list[tuple[Small, Small]] = []  # objects that turned out to be others
     evidence: dict[Label, list[Small]] | None = None  # what delayed answers are revised by
     events: list[run_records.Event] = []
