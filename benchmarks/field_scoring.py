@@ -11,12 +11,7 @@ from jaxtyping import Int
 from benchmarks.field_worlds import Trial
 from remind_jax.metrics import TrackingSequence, evaluate_sequence, pool_evaluations
 from remind_jax.metrics.evaluation import Evaluation
-from remind_jax.metrics.recovery import (
-    Answers,
-    collect_answers,
-    count_recovery,
-    find_reference,
-)
+from remind_jax.metrics.recovery import Answers, collect_answers, count_recovery, find_reference
 
 UNANSWERED = -1
 

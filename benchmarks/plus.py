@@ -43,12 +43,7 @@ from remind_jax.plus.observation import Motion
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.session.live import Tracker
 from remind_jax.sources import open_source
-from remind_jax.synthetic import (
-    LookalikeGroup,
-    SceneOptions,
-    make_scene,
-    render,
-)
+from remind_jax.synthetic import LookalikeGroup, SceneOptions, make_scene, render
 from remind_jax.synthetic.shapes import CLASSES
 
 # From appearance alone to the complete method; each step keeps those before.

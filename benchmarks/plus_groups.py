@@ -34,15 +34,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.field_worlds import MOVING, Question, make_trials
 from benchmarks.plus import MOVING_WORLD, STRESS, TOUR, backwards, second_half_first
-from benchmarks.plus_recording import (
-    Changes,
-    Recording,
-    answer,
-    changed,
-    is_right,
-    judge,
-    record,
-)
+from benchmarks.plus_recording import Changes, Recording, answer, changed, is_right, judge, record
 from benchmarks.rows import show_rows
 from remind_jax.frame import NO_INSTANCE, Frame
 from remind_jax.plus.thresholds import PlusThresholds

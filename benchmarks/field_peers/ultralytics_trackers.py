@@ -13,11 +13,7 @@ from typing import Any
 import numpy as np
 import torch  # pyright: ignore[reportMissingImports]
 from ultralytics.engine.results import Boxes  # pyright: ignore[reportMissingImports]
-from ultralytics.trackers import (  # pyright: ignore[reportMissingImports]
-    BOTSORT,
-    TRACKTRACK,
-    BYTETracker,
-)
+from ultralytics.trackers import BOTSORT, TRACKTRACK, BYTETracker  # pyright: ignore[reportMissingImports]
 from ultralytics.utils import YAML, IterableSimpleNamespace  # pyright: ignore[reportMissingImports]
 from ultralytics.utils.checks import check_yaml  # pyright: ignore[reportMissingImports]
 

@@ -27,13 +27,7 @@ from remind_jax.metrics.opening import TEXT_FORMATS, Format, SceneSet
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.run_evaluation import Undecided, check_undecided, evaluate_pair
 from remind_jax.metrics.run_folder import number_detections, read_tracks
-from remind_jax.metrics.scene_stream import (
-    SceneScores,
-    SceneStream,
-    open_stream,
-    path_name,
-    row_of,
-)
+from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream, path_name, row_of
 from remind_jax.metrics.sequence import ANY_CLASS
 from remind_jax.printing.small_table import SmallTable
 from remind_jax.printing.words import plural

@@ -14,14 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import (
-    NUM_OPTIONS,
-    Decisions,
-    Outcome,
-    Reason,
-    Status,
-    no_decisions,
-)
+from remind_jax.decision import NUM_OPTIONS, Decisions, Outcome, Reason, Status, no_decisions
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th

@@ -29,12 +29,7 @@ from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
 from remind_jax.plus.cropping import CROPPED_ODDS, Cropped, find_cropped
 from remind_jax.plus.crossing import follow_courses
-from remind_jax.plus.evidence import (
-    COSINE_DECAY,
-    COSINE_VARIANCE,
-    LEAST_COSINE_VARIANCE,
-    calibrate,
-)
+from remind_jax.plus.evidence import COSINE_DECAY, COSINE_VARIANCE, LEAST_COSINE_VARIANCE, calibrate
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
 from remind_jax.plus.slots import NO_ROW, rows_of

@@ -23,12 +23,7 @@ from remind_jax.plus.class_names import confusion_odds, learn_names, name_odds
 from remind_jax.plus.cropping import find_cropped_doubles
 from remind_jax.plus.crossing import carry_courses, course_odds
 from remind_jax.plus.decision import decide, learn_newness
-from remind_jax.plus.evidence import (
-    Shortlist,
-    best_cosine,
-    find_ended,
-    shortlist,
-)
+from remind_jax.plus.evidence import Shortlist, best_cosine, find_ended, shortlist
 from remind_jax.plus.layout import Weighed, nothing_weighed, weigh_jointly
 from remind_jax.plus.learning import (
     KeptLooks,
@@ -57,13 +52,7 @@ from remind_jax.plus.own_movement import (
     staying_of_class,
 )
 from remind_jax.plus.scene_change import fade_cosines, is_another, looks_left
-from remind_jax.plus.scene_map import (
-    center_variance,
-    correct_map,
-    doubt_of,
-    move_map,
-    shift_of,
-)
+from remind_jax.plus.scene_map import center_variance, correct_map, doubt_of, move_map, shift_of
 from remind_jax.plus.slots import NO_ROW, create_objects, rows_of
 from remind_jax.plus.state import Objects, Pairs, PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds

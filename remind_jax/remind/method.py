@@ -17,14 +17,7 @@ from remind_jax.numerics.array_faults import not_unit, outside
 from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.memory.pending import Kind
 from remind_jax.remind.perception.relations import Contact
-from remind_jax.remind.state import (
-    BANKS,
-    TrackerState,
-    count_occupied,
-    grow,
-    init,
-    remove_objects,
-)
+from remind_jax.remind.state import BANKS, TrackerState, count_occupied, grow, init, remove_objects
 from remind_jax.remind.switches import Switches
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.tracker import decide, describe_frame

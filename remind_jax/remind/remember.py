@@ -23,12 +23,7 @@ from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.channels import CHANNELS
 from remind_jax.remind.memory.cooccurrence import gather_sightings, update_cooccurrence
 from remind_jax.remind.memory.distances import update_distances
-from remind_jax.remind.memory.objects import (
-    Objects,
-    create_objects,
-    mark_missed,
-    mark_seen,
-)
+from remind_jax.remind.memory.objects import Objects, create_objects, mark_missed, mark_seen
 from remind_jax.remind.memory.pending import (
     Items,
     Kind,

@@ -16,12 +16,7 @@ from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.formats.firm import main_labels
 from remind_jax.outputs.run_records import Event
 from remind_jax.printing.words import plural
-from remind_jax.session.announcement import (
-    Announcements,
-    announce,
-    announce_late,
-    as_announced,
-)
+from remind_jax.session.announcement import Announcements, announce, announce_late, as_announced
 from remind_jax.session.memory_file import SavedMemory
 from remind_jax.session.object_records import ObjectRecords
 from remind_jax.tracks import Tracks

@@ -9,12 +9,7 @@ from collections.abc import Generator, Sequence
 from pathlib import Path
 
 from remind_jax.errors import SourceError
-from remind_jax.formats.pictures import (
-    IMAGE_SUFFIXES,
-    TIMES_NAME,
-    decode_image,
-    natural_key,
-)
+from remind_jax.formats.pictures import IMAGE_SUFFIXES, TIMES_NAME, decode_image, natural_key
 from remind_jax.frame import UNTIMED_FPS, SkippedFrame
 from remind_jax.sources import file_tree
 from remind_jax.sources.sampling import MAX_TIME_S, mean_rate

@@ -3,12 +3,7 @@
 import pytest
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import (
-    DetectionFlags,
-    SamplingFlags,
-    load_config_with,
-    parse_assignments,
-)
+from remind_jax.cli.flags import DetectionFlags, SamplingFlags, load_config_with, parse_assignments
 from remind_jax.cli.main import VERBS, main
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.sources.sampling import Sampling

@@ -7,12 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.crops import Crops
-from remind_jax.masks.closeups import (
-    CLOSEUP_PATCHES,
-    MARGIN_PATCHES,
-    OBJECT_PATCHES,
-    cut_closeups,
-)
+from remind_jax.masks.closeups import CLOSEUP_PATCHES, MARGIN_PATCHES, OBJECT_PATCHES, cut_closeups
 
 PATCH_PX = 16
 SIDE = CLOSEUP_PATCHES * PATCH_PX

@@ -5,12 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from remind_jax.decision import Outcome, Reason, Status
-from remind_jax.explanation.remind.explanation import (
-    Candidate,
-    KnownSet,
-    Option,
-    RemindExplanation,
-)
+from remind_jax.explanation.remind.explanation import Candidate, KnownSet, Option, RemindExplanation
 from remind_jax.printing.words import change, compare, listing, number, plural, sentence
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto

@@ -12,11 +12,7 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.ranks import rank_two
 from remind_jax.numerics.reductions import pick_in_rows
-from remind_jax.remind.association.diagnosis import (
-    Evidence,
-    admit_by_status,
-    grant_claims,
-)
+from remind_jax.remind.association.diagnosis import Evidence, admit_by_status, grant_claims
 from remind_jax.remind.association.gating import Pairs, gate_pairs, initial_pairs
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.context.reasoning import Reasoning

@@ -35,12 +35,7 @@ from remind_jax.remind.context.options import (
     support_by_kernel,
     write_menu,
 )
-from remind_jax.remind.context.set_score import (
-    FrameScale,
-    Rating,
-    score_sets,
-    tally_choices,
-)
+from remind_jax.remind.context.set_score import FrameScale, Rating, score_sets, tally_choices
 from remind_jax.remind.thresholds.context import Sets
 from remind_jax.static import Static
 

@@ -22,11 +22,7 @@ from remind_jax.errors import ConfigError
 from remind_jax.numerics.pytree import pytree
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.disambiguation.anchors import Anchors, Group
-from remind_jax.remind.disambiguation.distance_evidence import (
-    TINY,
-    KnownDistances,
-    PairOrders,
-)
+from remind_jax.remind.disambiguation.distance_evidence import TINY, KnownDistances, PairOrders
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.thresholds.known_sets import KnownSets
 

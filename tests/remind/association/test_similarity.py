@@ -6,12 +6,7 @@ import pytest
 
 from remind_jax.remind.association import similarity
 from remind_jax.remind.association.channel_scores import ChannelScores, Score
-from remind_jax.remind.association.similarity import (
-    AUTO,
-    BACKGROUND,
-    OBJECT,
-    PARTS,
-)
+from remind_jax.remind.association.similarity import AUTO, BACKGROUND, OBJECT, PARTS
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Similarity
 from tests.statics import change_static, make_static

@@ -13,17 +13,7 @@ from remind_jax.remind.context.influence import Influence
 from remind_jax.remind.context.veto import Veto
 from tests.golden.load import load_expected
 
-from .scenes import (
-    NUM,
-    SLOTS,
-    STATIC,
-    Scene,
-    example,
-    list_scenes,
-    read_on,
-    thresholds,
-    view_of,
-)
+from .scenes import NUM, SLOTS, STATIC, Scene, example, list_scenes, read_on, thresholds, view_of
 
 pytestmark = pytest.mark.usefixtures("x64")
 ROUNDING = 1e-12  # float64 sums and products of some tens of numbers below 1

@@ -6,10 +6,7 @@ import numpy as np
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.memory.objects import Objects
 from remind_jax.remind.memory.pending import Items, Kind
-from remind_jax.remind.undecided.provisional_commit import (
-    find_founders,
-    found_reserved,
-)
+from remind_jax.remind.undecided.provisional_commit import find_founders, found_reserved
 
 SLOTS = 6
 
