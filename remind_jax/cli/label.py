@@ -11,6 +11,7 @@ from remind_jax.cli.flags import flags
 from remind_jax.errors import OptionError, OutputError
 from remind_jax.files import refuse_file, refuse_folder, remove_unfinished, replace_file
 from remind_jax.printing.terminal import print_lines
+from remind_jax.printing.words import plural
 
 
 @flags
@@ -58,9 +59,10 @@ class Label:
         page, result = write_label_page(self.run)
         if not self.quiet:
             num = sum(len(tracks) for tracks in result.tracks)
+            identities = plural(len(result.objects()), "identity", "identities")
             print_lines(
-                f"{page}: {len(result.objects())} identities, {num} detections; open it in a "
-                "browser, and apply what it saves with --apply"
+                f"{page}: {identities}, {plural(num, 'detection')}; open it in a browser, and apply "
+                "what it saves with --apply"
             )
             if not result.complete:
                 print_lines(

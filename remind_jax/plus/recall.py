@@ -40,7 +40,7 @@ OTHER_NAME = 0.02  # share of frames from which on a class is known to change to
 FOLLOWED_OVERLAP, FOLLOWED_COSINE = 0.3, 0.5  # what plainly goes on with a tracklet
 ASKED_AGAIN = (2, 5)  # is asked for at these numbers of detections, while it is open
 # Objects this near the middle of a square frame are in the working set while their place is known.
-NEAR = 1.5 * FRAME_AREA**0.5
+IN_REACH = 1.5 * FRAME_AREA**0.5
 KNOWN_PLACE = 1.0  # largest variance of a place that is known, in squares of frame units
 MOST_SHARE = 2  # at most one of so many slots is filled at once
 SPARE_SHARE = 8  # one of so many slots is made free beyond those that are needed
@@ -218,7 +218,7 @@ class ObjectsAtRest(Archive):
         came = np.array([self._came.get(int(one), 0) for one in objects.id])
         needed = np.maximum(objects.last, came)
         away = np.linalg.norm(objects.position - FRAME_AREA**0.5 / 2, axis=1)
-        near = (away < NEAR) & (np.diagonal(state.pairs.covariance) < KNOWN_PLACE)
+        near = (away < IN_REACH) & (np.diagonal(state.pairs.covariance) < KNOWN_PLACE)
         needed = np.where(near, np.maximum(needed, int(state.frame) - 1), needed)
         idle = np.flatnonzero((objects.id != NO_ID) & ~held)
         order = np.lexsort((objects.id[idle], needed[idle]))

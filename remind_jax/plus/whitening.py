@@ -49,7 +49,7 @@ RIDGE = 0.1  # of its mean variance, in all directions
 TOTAL_SHARE = 0.02  # share of the total scatter
 LIGHT_SHARE = 0.1  # share of what light of another color changes
 MEAN_PRIOR = 0.15  # squared objects beyond the first that the mean of all is believed half from
-UNLIKE = 0.7  # cosine of looks of two objects about no mean at all
+UNLIKE_COSINE = 0.7  # cosine of looks of two objects about no mean at all
 CLASS_PRIOR = 3.0  # objects of a class beyond the first that its mean is believed half from
 # Fields of `Scene` that are made anew when it is due.
 _RENEWED = ("total", "within", "basis", "whitener", "white_mean", "raised", "class_offset")
@@ -201,7 +201,7 @@ def _refit(scene: Scene, sightings: Sightings, believed: Float[Array, ""], t: th
     dim, directions = scene.basis.shape
     total = scene.total / jnp.maximum(scene.total_weight, 1.0)
     # As far as it is not that of several objects, they are assumed to differ in all directions.
-    spread = (1.0 - UNLIKE) * (jnp.sum(diagonal(total)) + jnp.sum(scene.mean**2)) / dim
+    spread = (1.0 - UNLIKE_COSINE) * (jnp.sum(diagonal(total)) + jnp.sum(scene.mean**2)) / dim
     total = believed * total + (1.0 - believed) * spread * jnp.eye(dim, dtype=total.dtype)
     within = scene.within
     basis = scene.basis
@@ -232,8 +232,8 @@ def _refit(scene: Scene, sightings: Sightings, believed: Float[Array, ""], t: th
     whitener = jnp.where(usable, root @ basis.T, scene.whitener)
     doubted = 1.0 - believed
     white_mean = jnp.where(sightings.is_background, scene.mean, believed * scene.mean)
-    # Of looks with a cosine of UNLIKE, what is left of their products and of their squares.
-    raised = doubted**2 * UNLIKE / (1.0 - UNLIKE + doubted**2 * UNLIKE)
+    # Of looks with a cosine of UNLIKE_COSINE, what is left of their products and of their squares.
+    raised = doubted**2 * UNLIKE_COSINE / (1.0 - UNLIKE_COSINE + doubted**2 * UNLIKE_COSINE)
     return dataclasses.replace(
         scene,
         basis=jnp.where(usable, basis, scene.basis),

@@ -13,12 +13,12 @@ import numpy as np
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.method import get_method
+from remind_jax.session.machine_memory import GIB
 from remind_jax.sweeps.batches import most_at_once, plan_batch, run_batch, score_batch
 from remind_jax.sweeps.delayed import revise
 from remind_jax.sweeps.scene_arrays import SceneFrames, describe_scene
 from remind_jax.sweeps.settings import Setting
 
-GIB = 1 << 30
 # What a batch costs beside its settings, in settings.
 _COST_OF_BATCH = {"cpu": 1}
 _USUAL_COST = 64

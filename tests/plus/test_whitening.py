@@ -96,7 +96,7 @@ def looks_about_one(rng, dim: int, cosine: float) -> np.ndarray:
 def test_the_only_object_looks_like_itself_and_others_do_not():
     """About the mean of its own looks, it would look like nobody."""
     dim, rng = 64, np.random.default_rng(3)
-    one, other, third = looks_about_one(rng, dim, whitening.UNLIKE)
+    one, other, third = looks_about_one(rng, dim, whitening.UNLIKE_COSINE)
     state = init(Static(num_detections=1, num_objects=4, feature_dim=dim))
     scene = state.scene
     for frame in map(jnp.int32, range(20)):
