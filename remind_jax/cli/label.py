@@ -61,8 +61,8 @@ class Label:
             num = sum(len(tracks) for tracks in result.tracks)
             identities = plural(len(result.objects()), "identity", "identities")
             print_lines(
-                f"{page}: {identities}, {plural(num, 'detection')}; open it in a browser, and apply "
-                "what it saves with --apply"
+                f"{page}: {identities}, {plural(num, 'detection')}; open it in a browser, and "
+                "apply what it saves with --apply"
             )
             if not result.complete:
                 print_lines(
