@@ -280,7 +280,7 @@ def as_masks(values: Any) -> Bool[np.ndarray, "N H W"]:
     masks = _as_array("masks", values, "buif", 3, "one [H, W] plane per detection, [N, H, W]")
     require_room(len(masks), masks.shape[1:], "a frame")
     if masks.dtype.kind in "if" and masks.size:
-        odd = masks[(masks % 1 != 0) | (masks < 0)]
+        odd = masks[(np.floor(masks) != masks) | (masks < 0)]
         if odd.size:
             raise SourceError(
                 f"masks hold {odd.flat[0]:g}, as of probabilities or logits; give booleans, for "

@@ -30,7 +30,8 @@ PURE = (
     "errors",
 )
 ALLOWED = {"remind_jax", "jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}
-ON_THE_HOST = ("plus/image_light.py", "plus/image_motion.py")  # observe frames ahead of the step
+# What observes frames ahead of the step, or looks into what is at rest.
+ON_THE_HOST = ("plus/image_light.py", "plus/image_motion.py", "plus/one_thread.py")
 
 
 def test_import_is_quick_and_loads_nothing_heavy_nor_does_what_runs_need_an_extra():

@@ -25,10 +25,11 @@ def find_doubles(
     if not least_overlap:
         return doubles
     boxes = [masks.box(row) for row in range(len(masks))]
-    areas = masks.areas
-    kept: list[int] = []
+    corner, size = np.split(np.array(boxes, int).reshape(-1, 4), 2, axis=1)
+    areas, kept = masks.areas.tolist(), np.zeros(len(masks), bool)
     for row in np.argsort(-np.asarray(scores), kind="stable").tolist():
-        for better in kept:
+        meets = np.all((corner < corner[row] + size[row]) & (corner[row] < corner + size), axis=1)
+        for better in np.flatnonzero(kept & meets).tolist():
             if labels[row] != labels[better]:
                 continue
             # Union at least the larger mask, intersection at most the smaller one.
@@ -40,7 +41,7 @@ def find_doubles(
                 doubles[row] = True
                 break
         else:
-            kept.append(row)
+            kept[row] = True
     return doubles
 
 

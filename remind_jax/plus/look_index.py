@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.plus.one_thread import on_one_thread
 from remind_jax.plus.state import Scene
 from remind_jax.plus.whitening import RESOLUTION
 
@@ -44,6 +45,7 @@ class Whitener:
         """That of a memory, which it outlives."""
         return cls(*map(np.array, (scene.whitener, scene.white_mean, scene.class_offset)))
 
+    @on_one_thread
     def whiten(
         self, looks: Float[np.ndarray, "*any D"], class_id: Int[np.ndarray, "*#any"] | int
     ) -> Float[np.ndarray, "*any E"]:
@@ -139,6 +141,7 @@ class LookIndex:
             places = self._of_class[owner.class_id].owner
             places[places == owner.id] = NO_ID
 
+    @on_one_thread
     def search(
         self, looks: Float[np.ndarray, "Q D"], class_id: Int[np.ndarray, "Q"], num: int
     ) -> tuple[Int[np.ndarray, "Q num"], Float[np.ndarray, "Q num"]]:

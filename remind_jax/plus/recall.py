@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float, Int
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus.archive import Archive, Snapshot
 from remind_jax.plus.look_index import Whitener
+from remind_jax.plus.one_thread import on_one_thread
 from remind_jax.plus.state import PlusState, Scene, Tracklets, init
 from remind_jax.plus.static import num_tracklets
 from remind_jax.plus.thresholds import FRAME_AREA
@@ -165,6 +166,7 @@ class ObjectsAtRest(Archive):
         came = parts[-1].get("came", np.zeros((0, 2), np.int32))
         self._came = dict(came.tolist())
 
+    @on_one_thread
     def _wanted(
         self, state: PlusState, sightings: Any, rows: Int[np.ndarray, "Q"]
     ) -> tuple[list[int], Bool[np.ndarray, "O"]]:
@@ -274,6 +276,7 @@ def _asked(state: PlusState, seen: Any) -> tuple[Any, Int[np.ndarray, "Q"]]:
     return sightings, np.flatnonzero(sightings.valid & ~followed)
 
 
+@on_one_thread
 def _followed(state: PlusState, sightings: Any, matrix: np.ndarray) -> Bool[np.ndarray, "N"]:
     """Detections that plainly go on with a tracklet that need not be asked for."""
     tracklets: Tracklets = jax.device_get(state.tracklets)

@@ -22,6 +22,7 @@ from remind_jax.decision import Decisions, Overflow, no_decisions
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.constant_arrays import eye, full, number
 from remind_jax.numerics.pytree import pytree
+from remind_jax.plus.one_thread import on_one_thread
 from remind_jax.plus.static import (
     BANK_SLOTS,
     CLASS_ROWS,
@@ -263,6 +264,7 @@ def blank(record: type[T], sizes: Mapping[str, int], **values: Any) -> T:
 
 
 @functools.cache
+@on_one_thread
 def _any_basis(dim: int, num: int) -> Float[np.ndarray, "D E"]:
     """Directions to start from; the same on every device."""
     drawn = np.random.default_rng(0).normal(size=(dim, num))
