@@ -140,7 +140,7 @@ def _find_patches(
         what = "no output of" if wanted is None else f"not every one of the outputs '{wanted}' of"
         raise WeightsError(
             f"{what} '{path}' is a patch grid or token sequence for an image of "
-            f"{size[1]}x{size[0]} pixels; its outputs are {shapes}. Where patches are of a size "
+            f"{size[1]}x{size[0]} pixels; its outputs are {shapes}; where patches are of a size "
             "that does not divide these, export it with a fixed input"
         )
     listed = ", ".join(f"'{patches.name}' ({patches.patch_px} pixels)" for patches in found)

@@ -25,6 +25,7 @@ BROKEN_PIPE = 141  # the reader of our output went away
 
 _TURN_S = 0.0005
 _AGAIN_S = 0.05
+_MOST_TIMES = 100  # that a signal waits for an import: what never ends is ended all the same
 
 
 @contextlib.contextmanager
@@ -38,7 +39,7 @@ def ending_well() -> Iterator[list[int]]:
 
     def stop(number: int, frame: FrameType | None) -> None:
         signals.append(number)
-        if _is_importing(frame):
+        if _is_importing(frame) and len(signals) < _MOST_TIMES:
             _send_again(number)
         else:
             raise KeyboardInterrupt
@@ -67,6 +68,8 @@ def _is_importing(frame: FrameType | None) -> bool:
 
 
 def _send_again(number: int) -> None:
+    """Sends a signal to the main thread, a moment later."""
+
     def send() -> None:
         if sys.platform == "win32":
             _thread.interrupt_main(number)

@@ -221,9 +221,8 @@ class ObjectRecords:
         """The answers by names and by what was declared to be one; no id is given twice for it."""
         if self.merges:
             tracks = as_merged(tracks, self.merged_into)
-        shown = (self._records.get(one) for one in tracks.object_id.tolist())
-        found = zip(tracks.object_id.tolist(), shown, strict=True)
-        classes = {one: record.label for one, record in found if record is not None}
+        known = (one for one in tracks.object_id.tolist() if one in self._records)
+        classes = {one: self._records[one].label for one in known}
         return dataclasses.replace(tracks, names=self.names, classes=classes)
 
     def objects(self) -> tuple[RememberedObject, ...]:

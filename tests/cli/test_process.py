@@ -74,3 +74,12 @@ def test_platforms_that_jax_does_not_have_are_told(monkeypatch):
     assert "JAX_PLATFORMS=cuda: it finds no such device" in process.find_jax_fault()
     monkeypatch.undo()
     assert process.find_jax_fault() == ""
+
+
+def test_an_import_that_never_ends_is_ended(tmp_path, monkeypatch):
+    monkeypatch.setattr(process, "_MOST_TIMES", 3)
+    lines = "import os, signal, time\nos.kill(os.getpid(), signal.SIGTERM)\ntime.sleep(30)\n"
+    (tmp_path / "endless_to_import.py").write_text(lines)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt), process.ending_well():
+        importlib.import_module("endless_to_import")

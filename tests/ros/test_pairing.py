@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.errors import OptionError, SourceError
-from remind_ros.pairing import Pairing, slop_ns
+from remind_ros.pairing import Pairing, slop_in_ns
 
 
 def test_an_image_waits_for_its_detections():
@@ -87,4 +87,4 @@ def test_what_goes_unanswered_is_noticed():
 @pytest.mark.parametrize("seconds", [-0.01, np.nan, np.inf])
 def test_a_slop_is_a_time(seconds):
     with pytest.raises(OptionError, match="slop_s"):
-        slop_ns(seconds)
+        slop_in_ns(seconds)

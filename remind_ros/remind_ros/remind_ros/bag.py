@@ -18,7 +18,7 @@ from remind_jax.files import check_place
 from remind_jax.session.live import Tracker
 from remind_ros.definitions import add_types
 from remind_ros.identification import Identification, make_tracker
-from remind_ros.pairing import Pairing, slop_ns, stamp_ns
+from remind_ros.pairing import Pairing, slop_in_ns, stamp_ns
 
 PUBLISHED = {
     "/remind/detections": "vision_msgs/msg/Detection2DArray",
@@ -79,7 +79,7 @@ def identify_bag(
         raise SourceError("name a topic with instance maps, with detections, or both")
     types = add_types()
     identification = Identification(from_store(types), tracker)
-    pairing = Pairing(topics.names, slop_ns(slop_s))
+    pairing = Pairing(topics.names, slop_in_ns(slop_s))
     num_images, num_detections, refused, complete = 0, 0, [], False
     with _open(source, topics, types) as reader, _create(target) as writer:
         outlets = [

@@ -25,7 +25,7 @@ from rclpy.qos import qos_profile_sensor_data
 from remind_jax.errors import OutputError, RemindError, SourceError
 from remind_jax.files import as_path
 from remind_ros.identification import Identification, make_tracker
-from remind_ros.pairing import MOST_WAITING, Pairing, slop_ns, stamp_ns
+from remind_ros.pairing import MOST_WAITING, Pairing, slop_in_ns, stamp_ns
 
 _PARAMETERS: dict[str, Any] = {
     "config": "default",  # name or YAML file of remind-jax
@@ -136,7 +136,7 @@ class IdentityNode:
             kinds["~/detections_in"] = "vision_msgs/msg/Detection2DArray"
         if len(kinds) == 1:
             raise SourceError("set use_instances, use_detections, or both")
-        self._pairing = Pairing(tuple(kinds), slop_ns(given["slop_s"]))
+        self._pairing = Pairing(tuple(kinds), slop_in_ns(given["slop_s"]))
         for topic, kind in kinds.items():
             self.node.create_subscription(
                 _type(kind), topic, self._receiver(topic), qos_profile_sensor_data

@@ -16,7 +16,7 @@ MOST_WAITING = 60  # messages of a topic that are kept while others are missing
 _MAX_SLOP_S = 60.0
 
 
-def slop_ns(slop_s: float) -> int:
+def slop_in_ns(slop_s: float) -> int:
     """By how much stamps of one image may differ, in nanoseconds.
 
     Raises:
