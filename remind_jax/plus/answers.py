@@ -38,6 +38,9 @@ NEW = 0.5615, 0.9811
 # odds of its belief become.
 CUT_MOVES = 1.0
 CUT_SLOPE, CUT_LOSS = 1.4, 9.0
+# Log odds of looks that contradict an answer before it is decided: those of what it names, and of
+# any known object where it is new.
+UNLIKE, ALIKE = -2.0, 3.0
 LEAST_TRUST = 0.5  # of a tracklet that passed to another thing more likely than not
 # Share of a decided belief that is lost if the object moves, and if its class does.
 MOVING_LOSS, MOVING_CLASS_LOSS = 0.6, 0.8
@@ -133,7 +136,11 @@ def report(
     leans_new = undecided & (may_be_new | (num_close == 0))
     is_small = is_own & (sightings.size < SMALL)
     firm = jnp.where(is_small, t.firm_small, t.firm)
-    doubtful = (undecided & (confidence < firm)) | passed_on
+    looks = jnp.where(verdicts.option_id != NO_ID, verdicts.evidence.looks, 0.0)
+    is_answer = verdicts.option_id == verdicts.answer_id[:, None]
+    against = jnp.where(is_own[:, None], looks > ALIKE, is_answer & (looks < UNLIKE))
+    contradicted = jnp.any(against, axis=1)
+    doubtful = (undecided & ((confidence < firm) | contradicted)) | passed_on
     is_parent = undecided & (num_close == 1)
     undecided_outcome = jnp.where(
         is_parent, int(Outcome.PROVISIONAL_PARENT), int(Outcome.AMBIGUOUS)

@@ -79,7 +79,10 @@ def decide(
 
     early = is_known & (here.age >= t.early_age) & (margin > t.early_margin)
     waited = here.duration >= HESITATION * t.commit_age - clock.SLACK
-    commits = is_open & ((enough & (margin > CLEAR_LEAD)) | waited | early)
+    # What waits to resume is soon known to have gone on elsewhere, or to be gone.
+    but_held = jnp.where(shortlist.evidence.held < 0, odds - shortlist.evidence.held, -jnp.inf)
+    settled = is_known | (jnp.max(but_held, axis=1) <= private)
+    commits = is_open & ((enough & settled & (margin > CLEAR_LEAD)) | waited | early)
     return Choice(
         slot=jnp.where(is_known, slot, NO_SLOT),
         margin=margin,

@@ -77,6 +77,7 @@ NEW_LEAVES: dict[str, Callable[[Mapping[str, np.ndarray]], np.ndarray] | None] =
     "scene.class_offset": None,
     "scene.raised": None,
     "scene.links": None,
+    "scene.apart": None,
     "scene.names": None,
     "scene.newness": None,
     "scene.newness_known": None,

@@ -40,10 +40,9 @@ COSINE_VARIANCE = 0.04  # squared cosine
 COSINE_SAMPLES = 30.0  # samples that this counts for
 LEAST_COSINE_VARIANCE = 0.004  # squared cosine
 COSINE_DECAY = 0.999  # what a unit of weight leaves of the past
+TAILS = 3.0  # degrees of freedom of cosines, of one object and of two
 CLASS_SAMPLES = 20.0  # samples that those of all classes count for in those of one
 # How looks and backgrounds tell.
-SURE_PATCHES = 2.0  # sides of a mask in patches from which on looks count in full
-LEAST_LOOK_WEIGHT = 0.25  # of looks of smaller masks
 # How a lead in looks tells, in log odds of looks.
 CHANCE_LEAD = 2.5  # a wrong object may lead by this much by chance
 LEAD_BEST = 2.0  # most evidence of a lead
@@ -224,7 +223,7 @@ def shortlist(
     `waiting`: objects whose tracklet was missed and may resume.
     """
     moves = mobility(objects.speed, t.mobility)
-    looks = _look_evidence(cosine, here.class_id, sightings.patches, moves, scene, t)
+    looks = _look_evidence(cosine, here.class_id, moves, scene, t)
     waited = here.duration >= t.decision.commit_age - SLACK
     evidence = OwnEvidence(
         looks=looks,
@@ -255,25 +254,34 @@ def look_odds_of(
     cosine: Float[Array, "X Y"], class_id: Int[Array, "X"], scene: Scene, t: th.PlusThresholds
 ) -> Float[Array, "X Y"]:
     """Log odds that two looks of this cosine are of one object of a class."""
-    usual = calibrate_class(scene, class_id, t.calibration)
+    return _look_odds(cosine, calibrate_class(scene, class_id, t.calibration), t.looks)
+
+
+def _look_odds(cosine: Float[Array, "X Y"], usual: Cosines, t: th.Looks) -> Float[Array, "X Y"]:
     other, same = usual.mean[..., None]
-    slope = t.looks.gain * (same - other) / jnp.mean(usual.variance, axis=0)[:, None]
+    slope = t.gain * (same - other) / jnp.mean(usual.variance, axis=0)[:, None]
     return slope * (cosine - (same + other) / 2)
 
 
 def _look_evidence(
     cosine: Float[Array, "N O"],
     class_id: Int[Array, "N"],
-    patches: Float[Array, "N"],
     moves: Float[Array, "O"],
     scene: Scene,
     t: th.PlusThresholds,
 ) -> Float[Array, "N O"]:
-    odds = look_odds_of(cosine, class_id, scene, t)
-    # Looks of masks that hardly fill a patch are mostly background.
-    weight = jnp.clip(patches / SURE_PATCHES, LEAST_LOOK_WEIGHT, 1.0)
-    best = t.looks.best + moves * (MOBILE_BEST - t.looks.best)
-    return weight[:, None] * jnp.clip(odds, t.looks.worst, best)
+    usual = calibrate_class(scene, class_id, t.calibration)
+    (other, same), (of_other, of_same) = usual.mean[..., None], usual.variance[..., None]
+    # What no other object looks like, or this one never does, is clear.
+    best = log_tail(jnp.maximum(cosine - other, 0.0), of_other)
+    worst = -log_tail(jnp.maximum(same - jnp.maximum(cosine, other), 0.0), of_same)
+    best = jnp.maximum(best, t.looks.best + moves * (MOBILE_BEST - t.looks.best))
+    return jnp.clip(_look_odds(cosine, usual, t.looks), jnp.minimum(worst, t.looks.worst), best)
+
+
+def log_tail(offset: Float[Array, "X Y"], variance: Float[Array, "*any"]) -> Float[Array, "X Y"]:
+    """By how much less likely cosines are than their mean, log odds: far tails, of Student's."""
+    return (TAILS + 1.0) / 2.0 * jnp.log1p(offset**2 / (TAILS * variance))
 
 
 def _lead_evidence(

@@ -9,6 +9,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
@@ -29,12 +30,12 @@ from remind_jax.plus.class_names import vote
 from remind_jax.plus.clock import MISSED_TICKS, share_in_deciding, tick_of
 from remind_jax.plus.cropping import CROPPED_ODDS, Cropped, find_cropped
 from remind_jax.plus.crossing import follow_courses
-from remind_jax.plus.evidence import COSINE_DECAY, COSINE_VARIANCE, LEAST_COSINE_VARIANCE, calibrate
+from remind_jax.plus.evidence import COSINE_DECAY, COSINE_VARIANCE, LEAST_COSINE_VARIANCE, log_tail
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import Scene, Tracklets
-from remind_jax.plus.whitening import adjust_cosine, whiten_used
+from remind_jax.plus.whitening import TEACHES, adjust_cosine, whiten_used
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
 SMOOTHING = 4  # detections that the look of a tracklet averages
@@ -44,11 +45,12 @@ DISTANCE_SLACK = 0.12  # added to the scale of distances per tick unseen, length
 LOOK_MIDDLE = 0.4  # cosine that says nothing
 SIZE_LOSS = 0.5  # per log ratio of sizes, log odds
 TRUST_SLOPE = 2.0  # log odds of one link beside another per difference of scores
-# Looks that contradict.
-UNLIKE = 1.5  # most loss where the image motion is believed, log odds
-ASSUMED_LINKS = 10.0  # samples that what is assumed of looks in two frames counts for
+# How alike looks are in two frames.
+LINK_MEAN = 0.8  # cosine of a link before any was seen
+ASSUMED_LINKS = 10.0  # samples that what is assumed counts for, of links and of two objects
+BORDER_VARIANCE = 0.04  # squared cosine, more where the border of the frame cuts one off
+CUT_LOSS = 1.0  # score that a link over a cut loses beside what overlap gains
 CUT_SHARE = 0.5  # detections assumed of both kinds: those that go on over a cut, and the others
-TAILS = 3.0  # degrees of freedom of cosines, of one object and of two
 
 
 @pytree
@@ -59,6 +61,7 @@ class Links:
     center: Float[Array, "T 2"]
     score: Float[Array, "N T"]
     possible: Bool[Array, "N T"]
+    for_overlap: Float[Array, "N T"]  # what of the score is gained by overlap
     cropped: Cropped
 
     def with_odds(self, odds: Float[Array, "N T"], t: th.Linking) -> Links:
@@ -80,23 +83,28 @@ def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
     )
 
 
-def link_odds(cosine: Float[Array, "N T"], scene: Scene, t: th.Calibration) -> Float[Array, "N T"]:
+def link_odds(
+    cosine: Float[Array, "N T"], border: Bool[Array, "N T"], scene: Scene, t: th.Calibration
+) -> Float[Array, "N T"]:
     """Log odds, 0 at most, that looks of one object differ so much from frame to frame.
 
-    Rule: method_plus.md#linking. By what was learned of links, with far tails: a look may change
-    suddenly.
+    Rule: method_plus.md#linking. By what was learned of links, and of what is in view together.
+
+    Args:
+      border: Where the border of the frame cuts off one of them.
     """
-    usual = calibrate(scene, t)
-    weight, once, squares = scene.links + ASSUMED_LINKS * jnp.array(
-        [1.0, t.same_mean, COSINE_VARIANCE + t.same_mean**2]
-    )
+    usual = jnp.stack([jnp.full_like(t.other_mean, LINK_MEAN), t.other_mean])
+    assumed = jnp.stack([jnp.ones(2), usual, COSINE_VARIANCE + usual**2])
+    seen = jnp.stack([scene.links, scene.apart], axis=1)
+    weight, once, squares = seen + ASSUMED_LINKS * assumed
     mean = once / weight
-    own = jnp.maximum(squares / weight - mean**2, LEAST_COSINE_VARIANCE)
-    same = _tail(jnp.minimum(cosine - mean, 0.0), own)
-    # What is even less alike than others are is no more like the same.
-    other = _tail(jnp.maximum(cosine - usual.mean[0], 0.0), usual.variance[0])
-    odds = (TAILS + 1.0) * jnp.log(other / same) + jnp.log(usual.variance[0] / own)
-    return jnp.minimum(0.5 * odds, 0.0)
+    variance = jnp.maximum(squares / weight - mean**2, LEAST_COSINE_VARIANCE)
+    # What is even less alike than others are tells no more than that.
+    same, other = mean
+    cosine = jnp.maximum(cosine, other)
+    own = variance[0] + BORDER_VARIANCE * border
+    odds = log_tail(cosine - other, variance[1]) - log_tail(jnp.minimum(cosine - same, 0.0), own)
+    return jnp.minimum(odds + 0.5 * jnp.log(variance[1] / own), 0.0)
 
 
 def cut_odds(
@@ -116,26 +124,63 @@ def cut_odds(
     return jnp.minimum(jnp.log((going_on + CUT_SHARE) / (others + CUT_SHARE)), 0.0)
 
 
+def learn_apart(scene: Scene, tracklets: Tracklets, cosine: Float[Array, "N N"]) -> Scene:
+    """Learns how alike the looks of two objects are: of those in view together in the last frame.
+
+    Args:
+      tracklets: Tracklets before this frame, those of the last one first.
+      cosine: Of their whitened looks.
+    """
+    num = len(cosine)
+    seen = (tracklets.alive & tracklets.just_seen)[:num]
+    beside = seen[:, None] & seen & ~np.eye(num, dtype=bool)
+    teaches = jnp.minimum(1.0, TEACHES / jnp.maximum(tracklets.age[:num], 1))[:, None]
+    weight = teaches * beside / jnp.maximum(jnp.sum(beside, axis=1, keepdims=True), 1)
+    # About the mean of few, these are less alike than what has no part in it.
+    return dataclasses.replace(scene, apart=_learn(scene.apart, weight, jnp.maximum(cosine, 0.0)))
+
+
+def likely_partners(
+    links: Links, origin: Int[Array, "N"], t: th.Linking
+) -> tuple[Int[Array, "N"], Float[Array, "N"]]:
+    """The tracklet that each detection goes on with, or would, and how probably.
+
+    What looks alone kept apart teaches how much looks change as well, or they could only seem to
+    change little.
+    """
+    free = rows_of(origin, origin != NO_SLOT, links.score.shape[1]) == NO_ROW
+    best, nearest = largest(jnp.where(free, links.score, -jnp.inf))
+    chance = jax.nn.sigmoid(TRUST_SLOPE * (best - t.least))
+    linked = origin != NO_SLOT
+    return jnp.where(linked, origin, nearest), jnp.where(linked, 1.0, chance)
+
+
 def learn_links(
     scene: Scene,
     tracklets: Tracklets,
     cosine: Float[Array, "N T"],
-    origin: Int[Array, "N"],
-    share: Float[Array, "N"],
+    partner: Int[Array, "N"],
+    weight: Float[Array, "N"],
 ) -> Scene:
     """Learns how alike the looks of an object are from one frame to the next.
 
     Args:
       tracklets: Tracklets before the frame.
       cosine: Of whitened looks.
-      share: How much each detection teaches.
+      partner: The tracklet that each detection goes on with, or would.
+      weight: How much each detection teaches.
     """
-    before = jnp.maximum(origin, 0)
-    goes_on = (origin != NO_SLOT) & tracklets.just_seen[before]
-    value = jnp.take_along_axis(cosine, before[:, None], axis=1)[:, 0]
-    weight = jnp.where(goes_on, share, 0.0)
-    new = jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=1)
-    return dataclasses.replace(scene, links=scene.links * COSINE_DECAY ** new[0] + new)
+    value = jnp.take_along_axis(cosine, partner[:, None], axis=1)[:, 0]
+    weight = jnp.where((tracklets.alive & tracklets.just_seen)[partner], weight, 0.0)
+    return dataclasses.replace(scene, links=_learn(scene.links, weight, value))
+
+
+def _learn(
+    before: Float[Array, "3"], weight: Float[Array, "*any"], cosine: Float[Array, "*any"]
+) -> Float[Array, "3"]:
+    """Weight, sum and sum of squares of cosines with more of them."""
+    new = jnp.stack([jnp.sum(weight * cosine**power) for power in range(3)])
+    return before * COSINE_DECAY ** new[0] + new
 
 
 def score_links(
@@ -162,11 +207,13 @@ def score_links(
     # What moves may be anywhere after a while; what stands still is where it was.
     moves = mobility(speed_of(tracklets), t.mobility)
     overlap = overlap_of(sightings.box, tracklets.box)
-    geometry = t.linking.overlap * overlap - t.linking.distance * relative - SIZE_LOSS * log_ratio
     cropped = find_cropped(tracklets, sightings, overlap, t.names)
+    for_overlap = t.linking.overlap * jnp.where(cropped.is_pair, cropped.overlap, overlap)
+    apart = t.linking.distance * relative + SIZE_LOSS * log_ratio
     odds = jnp.minimum(look_odds, 0.0)
     score = (
-        jnp.where(cropped.is_pair, t.linking.overlap * cropped.overlap, geometry)
+        for_overlap
+        - jnp.where(cropped.is_pair, 0.0, apart)
         - 1.0
         + t.linking.look * (cosine - LOOK_MIDDLE)
         + jnp.where(cropped.is_pair, CROPPED_ODDS * odds, odds)
@@ -174,7 +221,7 @@ def score_links(
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
     possible &= score > t.linking.least
-    return Links(tracklets.box, tracklets.center, score, possible, cropped)
+    return Links(tracklets.box, tracklets.center, score, possible, for_overlap, cropped)
 
 
 def link(links: Links, t: th.Linking) -> Int[Array, "N"]:
@@ -301,10 +348,13 @@ def advance_tracklets(
     return both, next_id + jnp.sum(starts, dtype=jnp.int32), step
 
 
-def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> Float[Array, "N T"]:
-    """Cosines of whitened looks; what says nothing where a look is the mean of all.
+def compare_looks(
+    tracklets: Tracklets, sightings: Sightings, scene: Scene
+) -> tuple[Float[Array, "N T"], Float[Array, "N N"]]:
+    """Cosines of whitened looks: with tracklets, and of those of the last frame with each other.
 
-    Not of their backgrounds: what passes one spot has one background, whoever it is.
+    Not of their backgrounds: what passes one spot has one background, whoever it is. The cosine
+    says nothing where a look is the mean of all.
     """
 
     def whiten_objects(looks: Float[Array, "X D"], used: Bool[Array, "X"]) -> Float[Array, "X E"]:
@@ -313,10 +363,7 @@ def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> F
 
     here = whiten_objects(sightings.look, sightings.valid)
     before = whiten_objects(tracklets.look, tracklets.alive)
+    last = before[: len(here)]
     known = jnp.any(here != 0.0, axis=1)[:, None] & jnp.any(before != 0.0, axis=1)
-    return jnp.where(known, adjust_cosine(scene, dot(here, before)), LOOK_MIDDLE)
-
-
-def _tail(offset: Float[Array, "N T"], variance: Float[Array, ""]) -> Float[Array, "N T"]:
-    """What the density of Student's distribution falls by, from its middle on, as a power of it."""
-    return 1.0 + offset**2 / (TAILS * variance)
+    likeness = jnp.where(known, adjust_cosine(scene, dot(here, before)), LOOK_MIDDLE)
+    return likeness, adjust_cosine(scene, dot(last, last))

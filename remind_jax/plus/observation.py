@@ -47,7 +47,6 @@ class Sightings:
     box: Float[Array, "N 4"]  # left, top, right, bottom
     center: Float[Array, "N 2"]  # of the mask
     size: Float[Array, "N"]  # square root of the area of the mask
-    patches: Float[Array, "N"]  # root of the patches that the look is made of
     class_id: Int[Array, "N"]
     touches: Bool[Array, "N"]  # the border of the frame
     valid: Bool[Array, "N"]
@@ -100,7 +99,6 @@ def observe(
         box=jnp.asarray(masks.box, jnp.float32) / unit,
         center=jnp.asarray(masks.center, jnp.float32) / unit,
         size=jnp.maximum(size_px, 1.0) / unit,
-        patches=jnp.sqrt(jnp.sum(inside, axis=(1, 2))),
         class_id=jnp.asarray(masks.class_id, jnp.int32),
         touches=jnp.asarray(masks.relations.touches_border),
         valid=valid,

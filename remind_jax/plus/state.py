@@ -156,8 +156,10 @@ class Scene:
     cosine_squares: Float[Array, "2"]
     faded: Float[Array, "2"]
     class_cosines: Float[Array, "3 2 L"]  # weights, sums and sums of squares, class by class
-    # Cosines of looks of one object in two frames: their weight, sum, and sum of squares.
+    # Cosines of looks, of one object in two frames and of two objects in one: their weight, sum,
+    # and sum of squares.
     links: Float[Array, "3"]
+    apart: Float[Array, "3"]
     names: Float[Array, "L L"]  # times that a tracklet of one class went on as another
     speed: Float[Array, ""]  # mean own movement per tick of the objects in view lately
     # How often the last decisions were "new", [0, 1], and how much of that was seen, [0, 1]: of all

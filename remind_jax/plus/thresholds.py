@@ -79,8 +79,8 @@ class Looks:
 
     whitening: Gate = setting(True, "compare along the scatter within tracklets")
     gain: Real = setting(0.8, "log odds per calibrated log odd", "factor")
-    worst: Real = setting(-5.0, "least evidence of looks", "log odds")
-    best: Real = setting(3.0, "most evidence of looks", "log odds")
+    worst: Real = setting(-5.0, "least evidence of looks that are not clear", "log odds")
+    best: Real = setting(3.0, "most evidence of looks that are not clear", "log odds")
     ring_weight: Real = setting(0.3, "of the background in the evidence", "weight")
     unit_patches: Gate = setting(True, "scale every patch feature to unit length first")
 

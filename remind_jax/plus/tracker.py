@@ -33,11 +33,13 @@ from remind_jax.plus.learning import (
     learn_relations,
 )
 from remind_jax.plus.linking import (
-    UNLIKE,
+    CUT_LOSS,
     advance_tracklets,
     compare_looks,
     cut_odds,
+    learn_apart,
     learn_links,
+    likely_partners,
     link,
     link_odds,
     trust_links,
@@ -54,7 +56,7 @@ from remind_jax.plus.own_movement import (
 from remind_jax.plus.scene_change import fade_cosines, is_another, looks_left
 from remind_jax.plus.scene_map import center_variance, correct_map, doubt_of, move_map, shift_of
 from remind_jax.plus.slots import NO_ROW, create_objects, rows_of
-from remind_jax.plus.state import Objects, Pairs, PlusState, Tracklets, init
+from remind_jax.plus.state import Objects, Pairs, PlusState, Scene, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.verdicts import Verdicts, no_verdicts
 from remind_jax.plus.whitening import (
@@ -138,6 +140,9 @@ class _Linked(NamedTuple):
     doubt: Float[Array, ""]  # how little the estimated motion of the image is believed
     objects: Objects  # where they are by the motion of the image
     pairs: Pairs
+    scene: Scene
+    partner: Int[Array, "N"]  # the tracklet before the frame that each goes on with, or would
+    is_partner: Float[Array, "N"]  # how probably
 
 
 def _link(
@@ -150,15 +155,14 @@ def _link(
     # Frames come as fast as the camera gives them; what they teach is counted by the clock.
     tick = clock.tick_of(motion.elapsed)
     is_tick = state.phase + tick >= 1.0 - clock.SLACK
-    likeness = compare_looks(state.tracklets, sightings, state.scene)
-    # Where the image goes on, so do most of its objects; over a cut, and of two that passed behind
-    # each other, only looks can tell.
-    unlike = link_odds(likeness, state.scene, t.calibration)
-    limited = jnp.where(state.tracklets.met > 0, unlike, jnp.maximum(unlike, -UNLIKE))
-    confused = confusion_odds(state.scene, t.names)
-    over_cut = unlike + cut_odds(unlike, state.tracklets, sightings)
+    likeness, apart = compare_looks(state.tracklets, sightings, state.scene)
+    scene = learn_apart(state.scene, state.tracklets, apart)
+    border = sightings.touches[:, None] | state.tracklets.touched
+    unlike = link_odds(likeness, border, scene, t.calibration)
+    confused = confusion_odds(scene, t.names)
+    # Where the image goes on, so do most of its objects.
     doubt = doubt_of(motion)
-    look_odds = limited + doubt * (over_cut - limited)
+    look_odds = unlike + doubt * cut_odds(unlike, state.tracklets, sightings)
     look_odds += name_odds(sightings.class_id, state.tracklets.class_id, confused)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, t)
     objects, pairs = move_map(
@@ -176,13 +180,16 @@ def _link(
         state.tracklets, box=links.box, center=links.center, course=course
     )
     # Which detection goes on with which tracklet?
-    links = links.with_odds(course_odds(carried, sightings.box), t.linking)
+    # Over a cut one place is as good as another, and looks have to speak for it.
+    lost = doubt * (CUT_LOSS + links.for_overlap)
+    links = links.with_odds(course_odds(carried, sightings.box) - lost, t.linking)
     origin = link(links, t.linking)
-    sightings = fade_background(sightings, origin, carried, state.scene, t.mobility)
+    sightings = fade_background(sightings, origin, carried, scene, t.mobility)
     age = jnp.where(origin == NO_SLOT, 0, carried.age[origin])
     double_of = find_cropped_doubles(sightings, origin, age, confused, t.names)
     sightings = dataclasses.replace(sightings, valid=sightings.valid & (double_of == NO_SLOT))
     cropped = links.cropped.at(origin)
+    partner, is_partner = likely_partners(links, origin, t.linking)
     link_trust, wait_trust = trust_links(links, origin, t.linking)
     counts = sightings.valid & (is_tick | (origin == NO_SLOT))
     tracklets, next_id, change = advance_tracklets(
@@ -215,6 +222,9 @@ def _link(
         doubt=doubt,
         objects=objects,
         pairs=pairs,
+        scene=scene,
+        partner=partner,
+        is_partner=jnp.where(cropped, 0.0, is_partner),
     )
 
 
@@ -235,12 +245,14 @@ def _recognize(
     alike = jnp.where(linked.cropped, NO_SLOT, origin)
     begins = sightings.valid & (origin == NO_SLOT)
     another = is_another(begins, sightings.valid, linked.doubt)
-    left = looks_left(state.scene, sightings.look, begins, another)
-    scene = fade_cosines(state.scene, another)
+    left = looks_left(linked.scene, sightings.look, begins, another)
+    scene = fade_cosines(linked.scene, another)
     scene = learn_scatter(
         scene, sightings, linked.change, alike != NO_SLOT, share, frame, left=left
     )
-    scene = learn_links(scene, state.tracklets, linked.likeness, alike, share)
+    scene = learn_links(
+        scene, state.tracklets, linked.likeness, linked.partner, linked.is_partner * share
+    )
     before = jnp.maximum(origin, 0)
     goes_on = (origin != NO_SLOT) & state.tracklets.just_seen[before]
     scene = learn_names(

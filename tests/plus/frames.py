@@ -30,7 +30,6 @@ def detections(centers, looks=None, **fields) -> Sightings:
         box=np.concatenate([center - 0.5, center + 0.5], axis=1),
         center=center,
         size=1.0,
-        patches=4.0,
         valid=True,
         frame_center=np.array([3.2, 2.4], np.float32),
     )

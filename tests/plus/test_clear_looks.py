@@ -1,5 +1,7 @@
 """Where looks are clear they decide, whatever stands where: no one is taken for another."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ import pytest
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.static import Static
 from tests.plus.frames import detections, motion
-from tests.plus.walls import Walk, follow
+from tests.plus.walls import NO_TRUTH, Walk, follow
 
 PER_PLACE, NUM_PLACES, NUM_FRAMES, DIM = 12, 5, 10, 64
 STATIC = Static(num_detections=PER_PLACE, num_objects=128, feature_dim=DIM)
@@ -46,3 +48,143 @@ def test_places_that_lie_alike_are_told_apart_over_cuts(num_classes, seed):
     assert NO_ID not in first.values()
     assert len(set(first.values())) == num, "each has an identity of its own"
     assert again == first
+
+
+@dataclasses.dataclass
+class World:
+    """What is seen frame by frame: things with looks of their own at places of a grid."""
+
+    rng: np.random.Generator
+    num_things: int
+    noise: float = 0.1  # of looks, whose components have a standard deviation of 1
+    size: float = 1.0
+
+    def __post_init__(self):
+        self.looks = self.rng.normal(size=(self.num_things, DIM))
+        self.seen, self.motions, self.things = [], [], []
+
+    def show(self, placed: dict[int, int], frames: int = 1, still: bool = True) -> None:
+        """Things at places; `still`: whether the image is known to go on."""
+        row = np.array([*placed, *[NO_TRUTH] * (PER_PLACE - len(placed))])
+        center = np.array([GRID[placed.get(thing, 0)] for thing in row.tolist()])
+        for _ in range(frames):
+            middle = center + self.rng.normal(scale=0.01, size=center.shape)
+            half = self.size / 2
+            self.seen.append(
+                detections(
+                    middle,
+                    self.looks[row] + self.rng.normal(scale=self.noise, size=(PER_PLACE, DIM)),
+                    box=np.concatenate([middle - half, middle + half], axis=1, dtype=np.float32),
+                    size=np.full(PER_PLACE, self.size, np.float32),
+                    valid=row != NO_TRUTH,
+                )
+            )
+            self.motions.append(motion(score=float(still)))
+            self.things.append(row)
+
+    def wrong(self) -> list[tuple[int, int, int]]:
+        """Frame, thing and identity wherever a thing is firmly answered as another one."""
+        while len(self.things) % 10:  # walks of these lengths share a program
+            self.show({}, still=False)
+        seen, moves = (
+            jax.tree.map(lambda *leaves: np.stack(leaves), *frames)
+            for frames in (self.seen, self.motions)
+        )
+        things = np.array(self.things)
+        ids = follow(Walk(seen, moves, things), static=STATIC)[2].object_id
+        owner: dict[int, int] = {}
+        return [
+            (int(frame), int(things[frame, k]), int(ids[frame, k]))
+            for frame, k in np.argwhere((things != NO_TRUTH) & (ids != NO_ID))
+            if owner.setdefault(int(ids[frame, k]), int(things[frame, k])) != things[frame, k]
+        ]
+
+
+@pytest.mark.parametrize("still", [True, False])
+@pytest.mark.parametrize("num", [1, 2, 4, 8])
+@pytest.mark.parametrize("frames", [1, 3, 8, 30])
+def test_what_takes_the_place_of_another_between_two_frames_is_another(num, frames, still):
+    """As it does over a cut, and before a camera that does not notice."""
+    world = World(np.random.default_rng(10 * frames + num), num + 1)
+    before = {k: k for k in range(num)}
+    world.show(before, frames, still)
+    world.show({k: k for k in range(1, num)} | {num: 0}, 12, still)
+    if num > 1:
+        world.show({num: 1, 1: 0} | {k: k for k in range(2, num)}, 12, still)
+    assert not world.wrong()
+
+
+def test_who_comes_to_one_spot_in_turn_is_not_one():
+    for stay in (0, 2):
+        world = World(np.random.default_rng(stay), 8)
+        for visitor in [*range(6), *range(6)]:
+            world.show({visitor: 0} | {6 + k: 4 + k for k in range(stay)}, frames=10)
+        assert not world.wrong(), stay
+
+
+def test_who_is_known_among_many_is_known_alone_and_elsewhere():
+    rng = np.random.default_rng(3)
+    world = World(rng, 5 * PER_PLACE)
+    for first in range(0, 5 * PER_PLACE, PER_PLACE):
+        world.show({first + k: k for k in range(PER_PLACE)}, 10, still=False)
+    known = len(world.things)
+    for thing in rng.permutation(5 * PER_PLACE)[:6].tolist():
+        world.show({thing: int(rng.integers(PER_PLACE))}, 10, still=False)
+        world.show({}, 10, still=False)
+    assert not world.wrong()
+    things = np.array(world.things)
+    alone = np.flatnonzero(np.sum(things[known:] != NO_TRUTH, axis=1) == 1) + known
+    assert len(alone) == 60
+
+
+@pytest.mark.parametrize("size", [0.3, 0.6, 1.0])
+def test_whatever_happens_no_thing_is_taken_for_another(size):
+    """Things come, go, change places and are moved at random, over cuts and before a still image.
+
+    Looks are as different as random ones are; two of forty may yet look alike by chance.
+    """
+    wrong = num = 0
+    for seed in range(8):
+        rng = np.random.default_rng([seed, int(10 * size)])
+        world = World(rng, int(rng.integers(1, 40)), float(rng.choice([0.05, 0.1, 0.2])), size)
+        placed: dict[int, int] = {}
+        while len(world.things) < 90:
+            placed = happen(rng, placed, world.num_things)
+            world.show(placed, still=bool(rng.integers(2)))
+            world.show(placed, int(rng.choice([0, 1, 2, 4, 7, 11, 19])))
+        del world.seen[90:], world.motions[90:], world.things[90:]
+        wrong += len(world.wrong())
+        num += sum(int(np.sum(row != NO_TRUTH)) for row in world.things)
+    assert num > 1000
+    assert wrong <= num / 200
+
+
+def happen(rng: np.random.Generator, placed: dict[int, int], num: int) -> dict[int, int]:
+    """What is where after something has happened at random."""
+    things, places = [*placed], [*placed.values()]
+    free = rng.permutation([k for k in range(PER_PLACE) if k not in places]).tolist()
+    others = rng.permutation([k for k in range(num) if k not in things]).tolist()
+    what = rng.choice(["nothing", "swap", "permute", "replace", "move", "go", "come", "cut"])
+    if not things or what == "cut":
+        count = int(rng.integers(1, min(PER_PLACE, num) + 1))
+        return dict(
+            zip(
+                rng.permutation(num)[:count].tolist(),
+                rng.permutation(PER_PLACE)[:count].tolist(),
+                strict=True,
+            )
+        )
+    one = int(rng.integers(len(things)))
+    if what == "swap":
+        places[one], places[0] = places[0], places[one]
+    elif what == "permute":
+        places = rng.permutation(places).tolist()
+    elif what == "replace" and others:
+        things[one] = others[0]
+    elif what == "move" and free:
+        places[one] = free[0]
+    elif what == "go":
+        del things[one], places[one]
+    elif what == "come" and others and free:
+        things, places = [*things, others[0]], [*places, free[0]]
+    return dict(zip(things, places, strict=True))

@@ -17,6 +17,7 @@ from tests.plus.walls import Walk, follow, pan
 from tests.statics import change_parts
 
 CHAIR, SINK = 0, 1
+UNLIKE = 1.5  # what a look loses that changed with the outline, log odds
 WHOLE, TOP = [2.0, 1.0, 3.0, 3.0], [2.0, 1.0, 3.0, 1.6]
 
 
@@ -45,7 +46,7 @@ def _chair(box=TOP):
 @jax.jit
 def _go_on(now, tracklets, names):
     odds = name_odds(now.class_id, tracklets.class_id, confusion_odds(empty_state().scene, names))
-    unlike = odds - linking.UNLIKE
+    unlike = odds - UNLIKE
     thresholds = dataclasses.replace(T, names=names)
     links = linking.score_links(tracklets, now, jnp.zeros((3, 8)), unlike, TICK, thresholds)
     origin = linking.link(links, T.linking)

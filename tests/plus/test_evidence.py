@@ -17,20 +17,19 @@ NOBODY = jnp.zeros(4, bool)
 calibrate = jax.jit(evidence.calibrate)
 
 
-def candidates(objects, seen, held=NOBODY, waiting=NOBODY, here=None, cosine=None):
+def candidates(objects, seen, held=NOBODY, waiting=NOBODY, here=None, cosine=None, scene=None):
     here = tracklets_of(seen, 0, 3) if here is None else here
     cosine = best_cosine(seen.look, objects) if cosine is None else cosine
-    return _candidates(here, objects, seen, held, waiting, cosine)
+    scene = empty_state().scene if scene is None else scene
+    return _candidates(here, objects, seen, held, waiting, cosine, scene)
 
 
 @jax.jit
-def _candidates(here, objects, seen, held, waiting, cosine):
+def _candidates(here, objects, seen, held, waiting, cosine, scene):
     state = empty_state()
     admitted = jnp.broadcast_to(objects.exists & ~held, (3, 4))
-    names = name_odds(here.class_id, objects.class_id, confusion_odds(state.scene, T.names))
-    return shortlist(
-        here, seen, admitted, waiting, cosine, names, objects, state.pairs, state.scene, T
-    )
+    names = name_odds(here.class_id, objects.class_id, confusion_odds(scene, T.names))
+    return shortlist(here, seen, admitted, waiting, cosine, names, objects, state.pairs, scene, T)
 
 
 def test_the_object_that_looks_and_lies_alike_comes_first():
@@ -59,11 +58,25 @@ def test_one_whose_tracklet_may_resume_costs_something():
     np.testing.assert_allclose(free.base[0, 0] - waits.base[0, 0], T.decision.held, rtol=1e-5)
 
 
-def test_small_masks_say_less_by_their_looks():
-    objects = objects_of(LOOKS)
-    large = candidates(objects, detections([[1, 1]] * 3, LOOKS))
-    small = candidates(objects, detections([[1, 1]] * 3, LOOKS, patches=jnp.full(3, 0.1)))
-    assert 0 < small.evidence.looks[0, 0] < large.evidence.looks[0, 0]
+def test_what_no_other_object_looks_like_is_clear_and_what_this_one_never_does():
+    """Beyond the usual limits to both sides, by the tails of what was learned."""
+    state = empty_state()
+    learned = np.array([[300.0, 300.0], [0.0, 285.0], [0.6, 272.0]])  # cosines of 0.0, and of 0.95
+    names = ("cosine_weight", "cosine_sum", "cosine_squares")
+    scene = dataclasses.replace(state.scene, **dict(zip(names, learned, strict=True)))
+    scene = jax.tree.map(jnp.float32, dataclasses.replace(scene, faded=jnp.zeros(2)))
+    cosine = jnp.broadcast_to(jnp.array([0.95, 0.0, -0.9, 0.5]), (3, 4))
+    seen = detections([[1, 1]] * 3)
+    looks = {}
+    for title, one in (("learned", scene), ("assumed", state.scene)):
+        found = candidates(objects_of(LOOKS), seen, cosine=cosine, scene=one)
+        slots = np.asarray(found.slot[0]).tolist()
+        looks[title] = [float(found.evidence.looks[0, slots.index(k)]) for k in range(3)]
+    alike, other, opposite = looks["learned"]
+    assert alike > T.looks.best + 2
+    assert other < T.looks.worst - 2
+    assert opposite == other, "what is even less alike than others are tells no more"
+    assert looks["assumed"][1:] > [T.looks.worst - 0.01] * 2
 
 
 def lead_of(looks: list[float], waited: bool = True, class_id: int = 0) -> np.ndarray:

@@ -121,10 +121,47 @@ def test_a_missed_tracklet_may_resume_for_some_ticks(missed, waits):
 
 def test_looks_less_alike_than_others_are_no_more_like_the_same():
     scene = empty_state().scene
-    odds = linking.link_odds(jnp.linspace(-1, 1, 41)[None], scene, T.calibration)[0]
-    assert (jnp.diff(odds) >= 0).all()
-    assert odds[0] < -2.0
-    assert odds[-1] == 0.0
+    cosines = jnp.linspace(-1, 1, 41)[None]
+    whole, cut = (
+        linking.link_odds(cosines, jnp.full((1, 41), border), scene, T.calibration)[0]
+        for border in (False, True)
+    )
+    assert (jnp.diff(whole) >= 0).all()
+    assert whole[0] < -3.0
+    assert whole[-1] == 0.0
+    assert (whole[:20] < cut[:20]).all(), "the border changes looks"
+
+
+def test_looks_tell_less_where_all_in_view_look_alike():
+    """However alike looks are in two frames: those of two objects are as much."""
+    seen = detections([[1, 1], [4, 1], [1, 4]])
+    before = tracklets_of(seen, 0, ROOM)
+    nothing = jnp.zeros((3, ROOM), bool)
+    odds = []
+    for apart in (0.0, 0.9):
+        scene = empty_state().scene
+        for _ in range(20):
+            scene = linking.learn_apart(scene, before, jnp.full((3, 3), apart))
+            weight = jnp.ones(3)
+            likeness = jnp.full((3, ROOM), 0.9)
+            scene = linking.learn_links(scene, before, likeness, jnp.arange(3), weight)
+        cosine = jnp.full((3, ROOM), 0.0)
+        odds.append(float(linking.link_odds(cosine, nothing, scene, T.calibration)[0, 0]))
+    assert odds[0] < -6.0
+    assert odds[1] > odds[0] + 3.0
+
+
+def test_what_looks_kept_apart_teaches_as_far_as_it_was_likely():
+    seen = detections([[1, 1], [4, 1], [1, 4]])
+    before = tracklets_of(seen, 0, ROOM)
+    unlike = jnp.full((3, ROOM), -3.0).at[1].set(-9.0).at[2].set(0.0)
+    links = linking.score_links(before, seen, jnp.zeros((3, ROOM)), unlike, TICK, T)
+    origin = linking.link(links, T.linking)
+    assert origin.tolist() == [0, NO_SLOT, 2]
+    partner, chance = linking.likely_partners(links, origin, T.linking)
+    assert partner.tolist() == [0, 1, 2]
+    assert chance[0] == chance[2] == 1.0
+    assert 0.0 < chance[1] < 0.01
 
 
 def test_backgrounds_link_nothing():
@@ -135,7 +172,7 @@ def test_backgrounds_link_nothing():
     behind = np.array([[0.0, 0.0, 9.0], [0.0, 0.0, 9.0], [0.0, 0.0, -9.0]])
     before = tracklets_of(detections([[1, 1], [2, 1], [3, 1]], looks + behind), 0, ROOM)
     now = detections([[1, 1], [2, 1], [3, 1]], looks - behind, is_background=is_background)
-    cosine = jax.jit(linking.compare_looks)(before, now, scene)[:, :3]
+    cosine = jax.jit(linking.compare_looks)(before, now, scene)[0][:, :3]
     np.testing.assert_allclose(cosine, looks @ looks.T, atol=1e-6)
 
 

@@ -61,7 +61,7 @@ def test_lengths_do_not_depend_on_the_size_of_the_frame(scale):
     small, moved = seen(shift=(8.0, 0.0))
     large, moved_large = seen(scale, shift=(8.0 * scale, 0.0))
     np.testing.assert_allclose(small.frame_center, large.frame_center, rtol=1e-5)
-    for name in ("box", "size", "patches"):  # an empty slot has no size
+    for name in ("box", "size"):  # an empty slot has no size
         np.testing.assert_allclose(getattr(small, name)[0], getattr(large, name)[0], rtol=1e-5)
     # Centers are means of pixel indices, half a pixel off the middle of the area.
     np.testing.assert_allclose(small.center[0], large.center[0], atol=0.06)

@@ -69,7 +69,6 @@ def pan(
         walk["look"][t, k] = look[seen] + rng.normal(0, 0.15, (len(seen), DIM))
         walk["ring"][t, k] = 1 + rng.normal(0, 0.1, (len(seen), DIM))
         walk["valid"][t, k] = walk["has_ring"][t, k] = True
-        walk["patches"][t, k] = 4.0
     matrix = np.tile(np.eye(2, 3, dtype=np.float32), (frames, 1, 1))
     matrix[1:, 0, 2] = -np.diff(camera)
     size_px = np.tile(np.int32([480, 640]), (frames, 1))
