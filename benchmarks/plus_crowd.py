@@ -120,7 +120,6 @@ def _frame(room: int, look: Any, place: Any, size: Any, rng: np.random.Generator
         box=padded(np.concatenate([center - half, center + half], axis=1)),
         center=padded(center),
         size=padded(size),
-        patches=np.full(room, 3, np.float32),
         class_id=np.zeros(room, np.int32),
         touches=np.zeros(room, bool),
         valid=here,

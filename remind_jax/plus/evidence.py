@@ -270,9 +270,10 @@ def _look_evidence(
     scene: Scene,
     t: th.PlusThresholds,
 ) -> Float[Array, "N O"]:
+    """What looks say: within limits, beyond which they are clear (method_plus.md#clear-looks)."""
     usual = calibrate_class(scene, class_id, t.calibration)
     (other, same), (of_other, of_same) = usual.mean[..., None], usual.variance[..., None]
-    # What no other object looks like, or this one never does, is clear.
+    # By what no other object looks like, or this one never does.
     best = log_tail(jnp.maximum(cosine - other, 0.0), of_other)
     worst = -log_tail(jnp.maximum(same - jnp.maximum(cosine, other), 0.0), of_same)
     best = jnp.maximum(best, t.looks.best + moves * (MOBILE_BEST - t.looks.best))
