@@ -124,15 +124,18 @@ def cut_odds(
     return jnp.minimum(jnp.log((going_on + CUT_SHARE) / (others + CUT_SHARE)), 0.0)
 
 
-def learn_apart(scene: Scene, tracklets: Tracklets, cosine: Float[Array, "N N"]) -> Scene:
+def learn_apart(
+    scene: Scene, tracklets: Tracklets, cosine: Float[Array, "N N"], is_tick: Bool[Array, ""]
+) -> Scene:
     """Learns how alike the looks of two objects are: of those in view together in the last frame.
 
     Args:
       tracklets: Tracklets before this frame, those of the last one first.
       cosine: Of their whitened looks.
+      is_tick: Whether this frame counts.
     """
     num = len(cosine)
-    seen = (tracklets.alive & tracklets.just_seen)[:num]
+    seen = (tracklets.alive & tracklets.just_seen)[:num] & is_tick
     beside = seen[:, None] & seen & ~np.eye(num, dtype=bool)
     teaches = jnp.minimum(1.0, TEACHES / jnp.maximum(tracklets.age[:num], 1))[:, None]
     weight = teaches * beside / jnp.maximum(jnp.sum(beside, axis=1, keepdims=True), 1)

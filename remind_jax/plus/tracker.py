@@ -156,7 +156,7 @@ def _link(
     tick = clock.tick_of(motion.elapsed)
     is_tick = state.phase + tick >= 1.0 - clock.SLACK
     likeness, apart = compare_looks(state.tracklets, sightings, state.scene)
-    scene = learn_apart(state.scene, state.tracklets, apart)
+    scene = learn_apart(state.scene, state.tracklets, apart, is_tick)
     border = sightings.touches[:, None] | state.tracklets.touched
     unlike = link_odds(likeness, border, scene, t.calibration)
     confused = confusion_odds(scene, t.names)

@@ -141,7 +141,7 @@ def test_looks_tell_less_where_all_in_view_look_alike():
     for apart in (0.0, 0.9):
         scene = empty_state().scene
         for _ in range(20):
-            scene = linking.learn_apart(scene, before, jnp.full((3, 3), apart))
+            scene = linking.learn_apart(scene, before, jnp.full((3, 3), apart), jnp.array(True))
             weight = jnp.ones(3)
             likeness = jnp.full((3, ROOM), 0.9)
             scene = linking.learn_links(scene, before, likeness, jnp.arange(3), weight)
@@ -149,6 +149,8 @@ def test_looks_tell_less_where_all_in_view_look_alike():
         odds.append(float(linking.link_odds(cosine, nothing, scene, T.calibration)[0, 0]))
     assert odds[0] < -6.0
     assert odds[1] > odds[0] + 3.0
+    between = linking.learn_apart(scene, before, jnp.ones((3, 3)), jnp.array(False))
+    assert (between.apart == scene.apart).all(), "between ticks nothing teaches"
 
 
 def test_what_looks_kept_apart_teaches_as_far_as_it_was_likely():
