@@ -49,7 +49,6 @@ TRUST_SLOPE = 2.0  # log odds of one link beside another per difference of score
 LINK_MEAN = 0.8  # cosine of a link before any was seen
 ASSUMED_LINKS = 10.0  # samples that what is assumed counts for, of links and of two objects
 BORDER_VARIANCE = 0.04  # squared cosine, more where the border of the frame cuts one off
-CUT_LOSS = 1.0  # score that a link over a cut loses beside what overlap gains
 CUT_SHARE = 0.5  # detections assumed of both kinds: those that go on over a cut, and the others
 
 

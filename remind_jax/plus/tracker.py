@@ -33,7 +33,6 @@ from remind_jax.plus.learning import (
     learn_relations,
 )
 from remind_jax.plus.linking import (
-    CUT_LOSS,
     advance_tracklets,
     compare_looks,
     cut_odds,
@@ -180,8 +179,7 @@ def _link(
         state.tracklets, box=links.box, center=links.center, course=course
     )
     # Which detection goes on with which tracklet?
-    # Over a cut one place is as good as another, and looks have to speak for it.
-    lost = doubt * (CUT_LOSS + links.for_overlap)
+    lost = doubt * links.for_overlap  # over a cut one place is as good as another
     links = links.with_odds(course_odds(carried, sightings.box) - lost, t.linking)
     origin = link(links, t.linking)
     sightings = fade_background(sightings, origin, carried, scene, t.mobility)
