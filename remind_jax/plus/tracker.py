@@ -139,7 +139,7 @@ class _Linked(NamedTuple):
     doubt: Float[Array, ""]  # how little the estimated motion of the image is believed
     objects: Objects  # where they are by the motion of the image
     pairs: Pairs
-    scene: Scene
+    scene: Scene  # with what those in view together in the last frame taught
     partner: Int[Array, "N"]  # the tracklet before the frame that each goes on with, or would
     is_partner: Float[Array, "N"]  # how probably
 
