@@ -85,7 +85,7 @@ def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
 def link_odds(
     cosine: Float[Array, "N T"], border: Bool[Array, "N T"], scene: Scene, t: th.Calibration
 ) -> Float[Array, "N T"]:
-    """Log odds, 0 at most, that looks of one object differ so much from frame to frame.
+    """Log odds that two looks are of one object in two frames.
 
     Rule: method_plus.md#linking. By what was learned of links, and of what is in view together.
 
@@ -103,7 +103,7 @@ def link_odds(
     cosine = jnp.maximum(cosine, other)
     own = variance[0] + BORDER_VARIANCE * border
     odds = log_tail(cosine - other, variance[1]) - log_tail(jnp.minimum(cosine - same, 0.0), own)
-    return jnp.minimum(odds + 0.5 * jnp.log(variance[1] / own), 0.0)
+    return odds + 0.5 * jnp.log(variance[1] / own)
 
 
 def cut_odds(
@@ -114,7 +114,7 @@ def cut_odds(
     Rule: method_plus.md#linking.
 
     Args:
-      unlike: Log odds of `link_odds`.
+      unlike: Log odds of `link_odds`, 0 at most.
       tracklets: Tracklets before the frame.
     """
     likely = jnp.max(jnp.where(tracklets.alive, jnp.exp(unlike), 0.0), axis=1)

@@ -157,7 +157,8 @@ def _link(
     likeness, apart = compare_looks(state.tracklets, sightings, state.scene)
     scene = learn_apart(state.scene, state.tracklets, apart, is_tick)
     border = sightings.touches[:, None] | state.tracklets.touched
-    unlike = link_odds(likeness, border, scene, t.calibration)
+    by_looks = link_odds(likeness, border, scene, t.calibration)
+    unlike = jnp.minimum(by_looks, 0.0)
     confused = confusion_odds(scene, t.names)
     # Where the image goes on, so do most of its objects.
     doubt = doubt_of(motion)
@@ -180,7 +181,9 @@ def _link(
     )
     # Which detection goes on with which tracklet?
     lost = doubt * links.for_overlap  # over a cut one place is as good as another
-    links = links.with_odds(course_odds(carried, sightings.box) - lost, t.linking)
+    # Looks that are alike make nothing possible; they say which of the possible ones it is.
+    alike = by_looks - unlike
+    links = links.with_odds(course_odds(carried, sightings.box) + alike - lost, t.linking)
     origin = link(links, t.linking)
     sightings = fade_background(sightings, origin, carried, scene, t.mobility)
     age = jnp.where(origin == NO_SLOT, 0, carried.age[origin])

@@ -115,6 +115,22 @@ def test_what_takes_the_place_of_another_between_two_frames_is_another(num, fram
     assert not world.wrong()
 
 
+def test_of_two_that_may_go_on_the_one_that_it_looks_like_does():
+    """Not the one that it covers more, although that one looks like it as well."""
+    look = np.linalg.qr(np.random.default_rng(0).normal(size=(DIM, PER_PLACE)))[0].T
+    look[1] = 0.93 * look[0] + np.sqrt(1 - 0.93**2) * look[1]
+    middle = GRID.copy()
+    middle[1] = middle[0] + [1.2, 0.0]
+    moved, gone = middle.copy(), np.arange(PER_PLACE) == 0
+    moved[1] = middle[0] + [0.3, 0.0]
+    seen = [detections(middle, look), *[detections(moved, look, valid=~gone)] * 2]
+    things = np.array([[*range(PER_PLACE)], *[[NO_TRUTH, *range(1, PER_PLACE)]] * 2])
+    sightings = jax.tree.map(lambda *leaves: np.stack(leaves), *seen)
+    still = jax.tree.map(lambda leaf: np.stack([leaf] * len(seen)), motion())
+    tracklet = follow(Walk(sightings, still, things), static=STATIC)[1].tracklet_id
+    assert (tracklet[1:, 1:] == tracklet[0, 1:]).all()
+
+
 def test_who_comes_to_one_spot_in_turn_is_not_one():
     for stay in (0, 2):
         world = World(np.random.default_rng(stay), 8)

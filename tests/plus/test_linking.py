@@ -128,7 +128,7 @@ def test_looks_less_alike_than_others_are_no_more_like_the_same():
     )
     assert (jnp.diff(whole) >= 0).all()
     assert whole[0] < -3.0
-    assert whole[-1] == 0.0
+    assert whole[-1] > 2.0, "as alike as links are"
     assert (whole[:20] < cut[:20]).all(), "the border changes looks"
 
 
