@@ -78,8 +78,9 @@ def decide(
     margin = own - jnp.where(is_known, jnp.maximum(best_other, private), best_other)
 
     early = is_known & (here.age >= t.early_age) & (margin > t.early_margin)
-    waited = here.duration >= HESITATION * t.commit_age - clock.SLACK
     # What waits to resume is soon known to have gone on elsewhere, or to be gone.
+    waited = here.duration >= HESITATION * t.commit_age - clock.SLACK
+    waited &= here.age > clock.MISSED_TICKS
     but_held = jnp.where(shortlist.evidence.held < 0, odds - shortlist.evidence.held, -jnp.inf)
     settled = is_known | (jnp.max(but_held, axis=1) <= private)
     commits = is_open & ((enough & settled & (margin > CLEAR_LEAD)) | waited | early)

@@ -26,7 +26,7 @@ from remind_jax.numerics.ranks import largest
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.class_names import name_row
-from remind_jax.plus.clock import MISSED_TICKS, SLACK
+from remind_jax.plus.clock import MISSED_TICKS, SLACK, share_in_deciding, tick_of
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.own_movement import mobility
 from remind_jax.plus.scene_map import center_variance
@@ -117,9 +117,17 @@ def leaves_object(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
     return tracklets.is_open & tracklets.leans_new & long_enough
 
 
-def find_ended(tracklets: Tracklets, t: th.Decision) -> Bool[Array, "T"]:
-    """Tracklets that leave an object (`leaves_object`), and can hardly resume."""
-    return leaves_object(tracklets, t) & (tracklets.unseen >= MISSED_TICKS)
+def find_ended(tracklets: Tracklets, elapsed: Float[Array, ""], t: th.Decision) -> Bool[Array, "T"]:
+    """Tracklets that leave an object (`leaves_object`), and can hardly resume.
+
+    Their objects are known before anything is decided that began once they were missed.
+
+    Args:
+      elapsed: Ticks since the last frame.
+    """
+    waited = tracklets.unseen * share_in_deciding(elapsed) / tick_of(elapsed)
+    least = jnp.minimum(MISSED_TICKS, t.commit_age - 1.0 - SLACK)
+    return leaves_object(tracklets, t) & ~tracklets.just_seen & (waited >= least)
 
 
 def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Array, "N O"]:

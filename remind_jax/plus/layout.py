@@ -67,7 +67,7 @@ def weigh_jointly(
     sightings: Sightings,
     objects: Objects,
     pairs: Pairs,
-    frame: Int[Array, ""],
+    ticks: Int[Array, ""],
     t: th.PlusThresholds,
 ) -> Weighed:
     """Evidence of each candidate with that of all others in view.
@@ -92,7 +92,7 @@ def weigh_jointly(
         size=sightings.size,
         touches=sightings.touches,
     )
-    given = rows, objects.seen, pairs, frame, t.layout, t.decision.new
+    given = rows, objects.seen, pairs, ticks, t.layout, t.decision.new
     around, belief = in_turn(jnp.any(shortlist.valid), _weigh, *given)
     evidence = Evidence(**vars(shortlist.evidence), **around._asdict())
     weighed = Weighed(shortlist.base + sum(around), belief, evidence)
@@ -123,7 +123,7 @@ def _weigh(
     rows: _Rows,
     seen: Int[Array, "O"],
     pairs: Pairs,
-    frame: Int[Array, ""],
+    ticks: Int[Array, ""],
     t: th.Layout,
     new: Float[Array, ""],
 ) -> tuple[_Around, Float[Array, "N C"]]:
@@ -144,7 +144,7 @@ def _weigh(
         others = _nearest(n, rows, num_asked)
         asked, said = heard
         # Each kind is computed right where it goes to, in one loop that the compiler vectorizes.
-        for kind, row in enumerate(_say(n, others, rows, seen, pairs, frame, t)):
+        for kind, row in enumerate(_say(n, others, rows, seen, pairs, ticks, t)):
             said = lax.dynamic_update_slice(said, row[None, None], (k, kind, 0, 0))
         return lax.dynamic_update_index_in_dim(asked, others, k, axis=0), said
 
@@ -230,7 +230,7 @@ def _say(
     rows: _Rows,
     seen: Int[Array, "O"],
     pairs: Pairs,
-    frame: Int[Array, ""],
+    ticks: Int[Array, ""],
     t: th.Layout,
 ) -> _Said:
     """What every party of the others says of every candidate of one row."""
@@ -249,7 +249,7 @@ def _say(
     layout = _layout_evidence(
         look_up(pairs.relation, o, p), spread, look_up(pairs.log_ratio, o, p), beside, t
     )
-    covisible = _covisible_evidence(look_up(pairs.covisible, o, p), seen[o], seen[p], beside, frame)
+    covisible = _covisible_evidence(look_up(pairs.covisible, o, p), seen[o], seen[p], beside, ticks)
     said = _Said(
         jnp.where(related, layout, 0.0), jnp.where(usable, covisible, 0.0), related, usable
     )
@@ -303,13 +303,13 @@ def _covisible_evidence(
     seen: Int[Array, "C 1 1"],
     seen_party: Int[Array, "W C"],
     beside: _Beside,
-    frame: Int[Array, ""],
+    ticks: Int[Array, ""],
 ) -> Float[Array, "C W C"]:
     """Are these objects seen together more often than by chance?"""
     together = covisible + 0.5
     frames = jnp.minimum(seen, seen_party) + 3.0
     # What is always in view is beside everybody; what came with another memory may be older.
-    usual = jnp.minimum(jnp.maximum(seen, seen_party) / jnp.maximum(frame, 1), 1.0)
+    usual = jnp.minimum(jnp.maximum(seen, seen_party) / jnp.maximum(ticks, 1), 1.0)
     odds = jnp.log(together / frames / jnp.maximum(COVISIBLE_TYPICAL, usual))
     odds = jnp.clip(odds, -COVISIBLE_BEST, COVISIBLE_BEST)
     # The absence of a companion means little far away from it.

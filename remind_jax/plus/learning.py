@@ -284,7 +284,9 @@ def learn_cosines(
     )
 
     is_own = here.slot[:, None] == jnp.arange(num_o)
-    apart = objects.exists[None] & ~is_own & old[:, None]
+    # What began in this frame was compared with nothing.
+    was_compared = jnp.any(objects.bank_count > 0, axis=1)
+    apart = was_compared[None] & ~is_own & old[:, None]
     alike = here.class_id[:, None] == objects.class_id[None]
     row = rows_of(here.slot, sure, num_o)
     beside = (row != NO_ROW)[None] & apart

@@ -63,10 +63,14 @@ class Links:
     for_overlap: Float[Array, "N T"]  # what of the score is gained by overlap
     cropped: Cropped
 
-    def with_odds(self, odds: Float[Array, "N T"], t: th.Linking) -> Links:
-        """The same with more evidence of each."""
+    def with_odds(
+        self, odds: Float[Array, "N T"], alike: Float[Array, "N T"], t: th.Linking
+    ) -> Links:
+        """The same with more evidence of each, and with what speaks for those that are possible."""
         score = self.score + odds
-        return dataclasses.replace(self, score=score, possible=self.possible & (score > t.least))
+        possible = self.possible & (score > t.least)
+        score += jnp.where(possible, alike, 0.0)
+        return dataclasses.replace(self, score=score, possible=possible)
 
 
 def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
@@ -143,14 +147,14 @@ def learn_apart(
 
 
 def likely_partners(
-    links: Links, origin: Int[Array, "N"], t: th.Linking
+    links: Links, alive: Bool[Array, "T"], origin: Int[Array, "N"], t: th.Linking
 ) -> tuple[Int[Array, "N"], Float[Array, "N"]]:
     """The tracklet that each detection goes on with, or would, and how probably.
 
     What looks alone kept apart teaches how much looks change as well, or they could only seem to
     change little.
     """
-    free = rows_of(origin, origin != NO_SLOT, links.score.shape[1]) == NO_ROW
+    free = alive & (rows_of(origin, origin != NO_SLOT, len(alive)) == NO_ROW)
     best, nearest = largest(jnp.where(free, links.score, -jnp.inf))
     chance = jax.nn.sigmoid(TRUST_SLOPE * (best - t.least))
     linked = origin != NO_SLOT

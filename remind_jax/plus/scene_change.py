@@ -12,8 +12,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from remind_jax.numerics.control_flow import branch
+from remind_jax.plus.observation import Sightings
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Scene
+from remind_jax.plus.whitening import class_offset
 
 SAMPLES_LEFT = 10.0  # that the past counts for in another scene
 # Looks are strange by their squared distances from the mean, beside those of looks so far.
@@ -35,7 +37,7 @@ def is_another(
 
 
 def looks_left(
-    scene: Scene, look: Float[Array, "N D"], begins: Bool[Array, "N"], another: Float[Array, ""]
+    scene: Scene, sightings: Sightings, begins: Bool[Array, "N"], another: Float[Array, ""]
 ) -> Float[Array, ""]:
     """Share of what was learned of looks that counts on, the less the stranger looks are now."""
     product = functools.partial(jnp.matmul, precision="highest")
@@ -43,7 +45,8 @@ def looks_left(
     def strangeness() -> Float[Array, ""]:
         total = scene.total / jnp.maximum(scene.total_weight, 1.0)
         spread = jnp.sum(diagonal(product(product(scene.whitener, total), scene.whitener.T)))
-        off = jnp.where(begins[:, None], look - scene.mean, 0.0)
+        off = sightings.look - scene.mean - class_offset(scene, sightings.class_id)
+        off = jnp.where(begins[:, None], off, 0.0)
         off = product(off, scene.whitener.T)
         distance = jnp.sum(off**2) / jnp.maximum(jnp.sum(begins), 1)
         ratio = distance / jnp.maximum(spread, 1e-9)

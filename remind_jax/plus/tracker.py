@@ -123,7 +123,8 @@ def _single(leaf: Array) -> Array:
 class _Linked(NamedTuple):
     """Where everything is in a frame: its detections go on with tracklets, or begin new ones."""
 
-    tick: Float[Array, ""]  # time since the last frame, one tick at most
+    elapsed: Float[Array, ""]  # ticks since the last frame
+    tick: Float[Array, ""]  # as far as they count, one at most
     is_tick: Bool[Array, ""]  # whether another tick of the clock is full
     sightings: Sightings  # without those that show a thing twice
     double_of: Int[Array, "N"]  # of those that do: the detection that shows it, else NO_SLOT
@@ -183,14 +184,14 @@ def _link(
     lost = doubt * links.for_overlap  # over a cut one place is as good as another
     # Looks that are alike make nothing possible; they say which of the possible ones it is.
     alike = by_looks - unlike
-    links = links.with_odds(course_odds(carried, sightings.box) + alike - lost, t.linking)
+    links = links.with_odds(course_odds(carried, sightings.box) - lost, alike, t.linking)
     origin = link(links, t.linking)
     sightings = fade_background(sightings, origin, carried, scene, t.mobility)
     age = jnp.where(origin == NO_SLOT, 0, carried.age[origin])
     double_of = find_cropped_doubles(sightings, origin, age, confused, t.names)
     sightings = dataclasses.replace(sightings, valid=sightings.valid & (double_of == NO_SLOT))
     cropped = links.cropped.at(origin)
-    partner, is_partner = likely_partners(links, origin, t.linking)
+    partner, is_partner = likely_partners(links, carried.alive, origin, t.linking)
     link_trust, wait_trust = trust_links(links, origin, t.linking)
     counts = sightings.valid & (is_tick | (origin == NO_SLOT))
     tracklets, next_id, change = advance_tracklets(
@@ -207,6 +208,7 @@ def _link(
         t.mobility,
     )
     return _Linked(
+        elapsed=motion.elapsed,
         tick=tick,
         is_tick=is_tick,
         sightings=sightings,
@@ -246,7 +248,7 @@ def _recognize(
     alike = jnp.where(linked.cropped, NO_SLOT, origin)
     begins = sightings.valid & (origin == NO_SLOT)
     another = is_another(begins, sightings.valid, linked.doubt)
-    left = looks_left(linked.scene, sightings.look, begins, another)
+    left = looks_left(linked.scene, sightings, begins, another)
     scene = fade_cosines(linked.scene, another)
     scene = learn_scatter(
         scene, sightings, linked.change, alike != NO_SLOT, share, frame, left=left
@@ -279,7 +281,9 @@ def _recognize(
         best = shortlist(
             here, sightings, admitted, waiting, cosine, names, objects, pairs, scene, t
         )
-        return best, weigh_jointly(best, here.slot, visible, sightings, objects, pairs, frame, t)
+        return best, weigh_jointly(
+            best, here.slot, visible, sightings, objects, pairs, state.ticks, t
+        )
 
     # In many frames everything in view is decided.
     candidates, weighed = branch(jnp.any(is_open), weigh, lambda: nothing_weighed(num))
@@ -296,7 +300,7 @@ def _recognize(
     decisions = dataclasses.replace(decisions, reason=reason)
     # What does that teach?
     scene, objects = learn_newness(scene, objects, choice, here.class_id, candidates)
-    ended = find_ended(tracklets, t.decision)
+    ended = find_ended(tracklets, linked.elapsed, t.decision)
     unseen = len(ended) - num
     touches = jnp.pad(sightings.touches, (0, unseen), constant_values=True)
     objects, pairs, slots = create_objects(

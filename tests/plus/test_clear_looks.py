@@ -4,10 +4,12 @@ import dataclasses
 import itertools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.plus.state import PlusState
 from remind_jax.static import Static
 from tests.plus.frames import detections, motion
 from tests.plus.walls import NO_TRUTH, Walk, follow
@@ -59,6 +61,7 @@ class World:
     num_things: int
     noise: float = 0.1  # of looks, whose components have a standard deviation of 1
     size: float = 1.0
+    elapsed: float = 1.0  # ticks from frame to frame
 
     def __post_init__(self):
         self.looks = self.rng.normal(size=(self.num_things, DIM))
@@ -80,11 +83,12 @@ class World:
                     valid=row != NO_TRUTH,
                 )
             )
-            self.motions.append(motion(score=float(still)))
+            elapsed = jnp.float32(self.elapsed)
+            self.motions.append(dataclasses.replace(motion(score=float(still)), elapsed=elapsed))
             self.things.append(row)
 
-    def wrong(self) -> list[tuple[int, int, int]]:
-        """Frame, thing and identity wherever a thing is firmly answered as another one."""
+    def identities(self) -> tuple[np.ndarray, np.ndarray, PlusState]:
+        """The thing of every detection, and its answer, NO_ID while undecided; and the memory."""
         while len(self.things) % 10:  # walks of these lengths share a program
             self.show({}, still=False)
         seen, moves = (
@@ -92,7 +96,12 @@ class World:
             for frames in (self.seen, self.motions)
         )
         things = np.array(self.things)
-        ids = follow(Walk(seen, moves, things), static=STATIC)[2].object_id
+        state, _, decisions, _ = follow(Walk(seen, moves, things), static=STATIC)
+        return things, decisions.object_id, state
+
+    def wrong(self) -> list[tuple[int, int, int]]:
+        """Frame, thing and identity wherever a thing is firmly answered as another one."""
+        things, ids, _ = self.identities()
         owner: dict[int, int] = {}
         return [
             (int(frame), int(things[frame, k]), int(ids[frame, k]))
@@ -113,6 +122,30 @@ def test_what_takes_the_place_of_another_between_two_frames_is_another(num, fram
     if num > 1:
         world.show({num: 1, 1: 0} | {k: k for k in range(2, num)}, 12, still)
     assert not world.wrong()
+
+
+@pytest.mark.parametrize("elapsed", [0.5, 1.0, 3.0, 5.0, 20.0])
+@pytest.mark.parametrize("first", [2, 3, 5, 12])
+def test_what_is_elsewhere_soon_after_it_came_keeps_its_identity(first, elapsed):
+    """Whether it was decided by then or not, and however fast the camera is."""
+    world = World(np.random.default_rng(first), 5, elapsed=elapsed)
+    frames = int(first / min(elapsed, 1.0))
+    world.show({k: k for k in range(5)}, frames)
+    world.show({k: 11 - k for k in range(5)}, 57 - frames, still=False)
+    things, ids, _ = world.identities()
+    last = dict(zip(things[56].tolist(), ids[56].tolist(), strict=True))
+    assert [last[thing] for thing in things[0, :5].tolist()] == ids[0, :5].tolist()
+
+
+def test_what_begins_tells_nothing_of_how_alike_others_look():
+    """It was compared with nothing, and not found to be unlike everything."""
+    world = World(np.random.default_rng(0), 6)
+    world.show({0: 0, 1: 1}, 1)
+    world.show({k: k for k in range(6)}, 9)
+    _, _, state = world.identities()
+    mean = state.scene.cosine_sum[0] / state.scene.cosine_weight[0]
+    variance = state.scene.cosine_squares[0] / state.scene.cosine_weight[0] - mean**2
+    assert variance < 0.05
 
 
 def test_of_two_that_may_go_on_the_one_that_it_looks_like_does():

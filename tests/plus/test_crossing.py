@@ -94,6 +94,17 @@ def test_two_meet_where_one_is_missed_under_the_box_of_the_other():
     assert not unknown.met.any()
 
 
+def test_a_pace_is_learned_by_the_time_that_a_course_went_on():
+    """It stood still while they met: after ten ticks it goes as fast by a tenth as before."""
+    _, tracklets = _meeting()
+    met = np.array([9.0] + [0.0] * (ROOM - 1), np.float32)
+    course = np.array([[2.0, 1.0]] + [[5.0, 5.0]] * (ROOM - 1), np.float32)
+    tracklets = dataclasses.replace(tracklets, met=met, course=course, age=np.full(ROOM, 2))
+    apart, _, _ = go_on(tracklets, detections([[1, 1], [1.5, 1], [5, 5]]), [0, 1, 2], 1)
+    np.testing.assert_allclose(apart.met, 0.0)
+    np.testing.assert_allclose(apart.pace[0], [0.1 - 1.0 / 9.0 / 2.0, 0.1], rtol=1e-5)
+
+
 def test_only_another_one_that_met_and_fits_better_speaks_against_a_link():
     _, tracklets = _meeting()
     course = np.array([[1.0, 1.0], [3.0, 1.0]] + [[0.0, 0.0]] * (ROOM - 2), np.float32)

@@ -8,7 +8,6 @@ import numpy as np
 
 from remind_jax.plus import evidence
 from remind_jax.plus.class_names import confusion_odds, name_odds
-from remind_jax.plus.clock import MISSED_TICKS
 from remind_jax.plus.evidence import best_cosine, mix, shortlist
 from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
 
@@ -105,17 +104,22 @@ def test_a_lead_counts_over_some_of_the_class_and_once_views_suffice():
 
 
 def test_what_ends_undecided_as_new_is_remembered():
-    for age, leans_new, unseen, ends in (
-        (2, True, MISSED_TICKS, True),
-        (1, True, MISSED_TICKS, False),  # too brief
-        (2, False, MISSED_TICKS, False),  # taken for a known object
-        (2, True, MISSED_TICKS - 1, False),  # may resume
+    wait = T.decision.commit_age - 1.0
+    for age, leans_new, unseen, elapsed, ends in (
+        (2, True, wait, 1.0, True),  # before what began then is decided
+        (1, True, wait, 1.0, False),  # too brief
+        (2, False, wait, 1.0, False),  # taken for a known object
+        (2, True, wait - 1.0, 1.0, False),  # may resume
+        (2, True, wait, 0.3, True),
+        (2, True, 3.0, 20.0, True),  # few frames suffice of a slow camera
+        (2, True, 2.0, 20.0, False),
+        (2, True, 0.0, 20.0, False),  # in view
     ):
         fields = {"age": age, "leans_new": leans_new, "unseen": unseen}
         fields = {name: np.full(3, value) for name, value in fields.items()}
         tracklets = tracklets_of(detections([[1, 1]] * 3), 0, 3, **fields)
-        found = evidence.find_ended(tracklets, T.decision)
-        assert bool(found.all()) == ends, (age, leans_new, unseen)
+        found = evidence.find_ended(tracklets, jnp.float32(elapsed), T.decision)
+        assert bool(found[:3].all()) == ends, (age, leans_new, unseen, elapsed)
 
 
 def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():

@@ -13,13 +13,13 @@ from remind_jax.plus.layout import weigh_jointly
 from remind_jax.plus.state import init
 from remind_jax.plus.static import NUM_CANDIDATES
 from remind_jax.plus.thresholds import PlusThresholds
-from tests.plus.frames import T
+from tests.plus.frames import T, detections, motion
 from tests.plus.test_vacancy import SIZE, seen
-from tests.plus.walls import STATIC
+from tests.plus.walls import NO_TRUTH, STATIC, Walk, follow
 
 PLACES = np.array([[1.5, 1.5], [3, 1.2], [4.5, 1.6], [2.2, 3], [4, 3.2]], np.float32)
 NUM = len(PLACES)
-FRAME = jnp.int32(200)
+TICKS = jnp.int32(200)
 
 EMPTY = jax.tree.map(np.array, init(STATIC))
 
@@ -53,7 +53,7 @@ def weigh_anew(looks, moved, rare, speed):
         sightings, center=sightings.center + moved * sightings.valid[:, None]
     )
     weighed = weigh_jointly(
-        shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, FRAME, T
+        shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, TICKS, T
     )
     return weighed.odds[:NUM, 0], weighed.evidence.total()[:NUM, 0]
 
@@ -125,3 +125,27 @@ def test_a_batch_is_weighed_as_its_members_alone():
     alone = [weigh(looks=one) for one in looks]
     in_batch = jax.jit(jax.vmap(lambda one: weigh_anew(one, still, False, 0.0)[0]))
     np.testing.assert_allclose(in_batch(looks), alone, rtol=1e-5)
+
+
+def test_what_is_always_in_view_tells_nothing_however_fast_the_camera_is():
+    """One stays, another one leaves after 2 s and is back after 6."""
+    said = []
+    for per_tick in (1, 3):
+        frames = 65 * per_tick
+        ticks = np.arange(frames) / per_tick
+        both = detections([[1, 1], [4, 3]] + [[0, 0]] * 4, np.eye(6))
+        each, move = jax.tree.map(
+            lambda leaf, num=frames: np.repeat(np.asarray(leaf)[None], num, 0), (both, motion())
+        )
+        valid = np.zeros((frames, 6), bool)
+        valid[:, 0], valid[:, 1] = True, (ticks < 20) | (ticks >= 60)
+        walk = Walk(
+            dataclasses.replace(each, valid=valid),
+            dataclasses.replace(move, elapsed=np.full(frames, 1.0 / per_tick, np.float32)),
+            np.full((frames, 6), NO_TRUTH),
+        )
+        verdicts = follow(walk)[1]
+        back = 60 * per_tick
+        assert verdicts.option_id[back, 1, 0] == verdicts.answer_id[0, 1]
+        said.append(float(verdicts.evidence.companions[back, 1, 0]))
+    np.testing.assert_allclose(said, 0.0, atol=0.05)

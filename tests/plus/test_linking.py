@@ -160,10 +160,27 @@ def test_what_looks_kept_apart_teaches_as_far_as_it_was_likely():
     links = linking.score_links(before, seen, jnp.zeros((3, ROOM)), unlike, TICK, T)
     origin = linking.link(links, T.linking)
     assert origin.tolist() == [0, NO_SLOT, 2]
-    partner, chance = linking.likely_partners(links, origin, T.linking)
+    partner, chance = linking.likely_partners(links, before.alive, origin, T.linking)
     assert partner.tolist() == [0, 1, 2]
     assert chance[0] == chance[2] == 1.0
     assert 0.0 < chance[1] < 0.01
+    # Behind those that wait, the table holds what others were a frame ago.
+    gone = dataclasses.replace(links, score=links.score.at[:, 3].set(9.0))
+    assert linking.likely_partners(gone, before.alive, origin, T.linking)[0].tolist() == [0, 1, 2]
+
+
+def test_what_looks_alike_makes_no_link_possible():
+    seen = detections([[1, 1], [4, 1], [1, 4]])
+    before, nothing = tracklets_of(seen, 0, ROOM), jnp.zeros((3, ROOM))
+    links = linking.score_links(before, seen, nothing, nothing, TICK, T)
+    against = jnp.zeros((3, ROOM)).at[0, 0].set(-8.0)
+    alike = links.with_odds(against, jnp.full((3, ROOM), 10.0), T.linking)
+    alone = links.with_odds(against, nothing, T.linking)
+    assert alike.possible.tolist() == alone.possible.tolist()
+    assert not alike.possible[0, 0]
+    np.testing.assert_allclose(
+        alike.score, jnp.where(alone.possible, alone.score + 10.0, alone.score)
+    )
 
 
 def test_backgrounds_link_nothing():

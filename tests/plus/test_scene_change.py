@@ -45,11 +45,11 @@ def learned_scene(num_frames: int = 60):
 @pytest.mark.parametrize(("at", "is_strange"), [([3.0, 0.0, 0.0], False), ([3.0, 8.0, 0.0], True)])
 def test_looks_count_on_unless_those_now_are_strange(at, is_strange):
     scene = learned_scene()
-    look = jnp.asarray(np.array(at) + 0.1 * np.eye(3), jnp.float32)
-    left = looks_left(scene, look, BEGINS, jnp.float32(1))
+    seen = detections(np.zeros((3, 2)), np.array(at) + 0.1 * np.eye(3))
+    left = looks_left(scene, seen, BEGINS, jnp.float32(1))
     expected = SAMPLES_LEFT / float(scene.total_weight) if is_strange else 1.0
     assert left == pytest.approx(expected, rel=1e-5)
-    assert looks_left(scene, look, BEGINS, jnp.float32(0)) == 1.0
+    assert looks_left(scene, seen, BEGINS, jnp.float32(0)) == 1.0
 
 
 def test_looks_that_count_less_are_those_before_the_frame():
