@@ -86,7 +86,7 @@ def follow_courses(
     near = jnp.any(is_other, axis=1) & (area_of(common_box(around[:num], other)) > 0)
     stays = (met > 0) & jnp.pad(near, (0, len(met) - num), constant_values=True)
     is_met = tracklets.alive & is_old & (meets | stays) & (met < MOST_TICKS)
-    since = jnp.maximum(gap, met[:num])  # that its course goes on
+    since = jnp.maximum(gap, met[:num])  # ticks that its course went on by itself
     rate = tick / (since * jnp.clip(here.age - 1, 1, PACE_SAMPLES))
     rate = jnp.pad(jnp.where(linked, rate, 0.0), (0, len(met) - num))
     pace = tracklets.pace + rate[:, None] * (middle_of(box) - tracklets.course)

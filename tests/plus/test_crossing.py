@@ -95,7 +95,7 @@ def test_two_meet_where_one_is_missed_under_the_box_of_the_other():
 
 
 def test_a_pace_is_learned_by_the_time_that_a_course_went_on():
-    """It stood still while they met: after ten ticks it goes as fast by a tenth as before."""
+    """Nine ticks long it met another one, and fell behind its course by one unit."""
     _, tracklets = _meeting()
     met = np.array([9.0] + [0.0] * (ROOM - 1), np.float32)
     course = np.array([[2.0, 1.0]] + [[5.0, 5.0]] * (ROOM - 1), np.float32)

@@ -119,7 +119,7 @@ def test_what_ends_undecided_as_new_is_remembered():
         fields = {name: np.full(3, value) for name, value in fields.items()}
         tracklets = tracklets_of(detections([[1, 1]] * 3), 0, 3, **fields)
         found = evidence.find_ended(tracklets, jnp.float32(elapsed), T.decision)
-        assert bool(found[:3].all()) == ends, (age, leans_new, unseen, elapsed)
+        assert bool(found.all()) == ends, (age, leans_new, unseen, elapsed)
 
 
 def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():
